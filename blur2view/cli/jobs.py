@@ -2,25 +2,21 @@
 
 import errno
 import hashlib
-import logging
-import os
-import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
-
+from blur2view.cli.executors import Restarted, Shared, connected, processes, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
+from blur2view.exposure.sequence import Features, Matches, Series
 from blur2view.files import file_digest, write_beside
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
@@ -30,9 +26,6 @@ if TYPE_CHECKING:
     from blur2view.colmap.database import ProjectImage
     from blur2view.exposure.views import ExposureViews
 
-CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
-LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
-"""Loggers of Dask that are silenced: its errors are printed as lines of blur2view."""
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 """Errors after which the next photograph's files would not fit either."""
@@ -50,14 +43,10 @@ class Job:
     neighbours: Neighbours = ()
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     plan: "ProjectImage | None" = None  # its image in a project that its views are added to
-    contents: Mapping[Source, bytes] = field(default_factory=dict)  # of its file and its neighbours'
+    content: bytes = b""  # of its file
+    matches: Mapping[int, Matches] = field(default_factory=dict)  # with its neighbours, by steps in time
     input_sha256: str = ""  # of its file
     options_sha256: str = ""  # of the call's options, and of all else that its result depends on
-
-    @property
-    def content(self) -> bytes:
-        """The content of its file."""
-        return self.contents[self.source]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +70,8 @@ Work = Callable[[Any], Outcome]
 """Does a job, in whichever process; Blur2ViewError of a job that fails."""
 Find = Callable[[Job], Outcome | None]
 """Finds the outcome of a job that an earlier call did."""
+Look = Callable[[Source, bytes], Features]
+"""Finds the features of a photograph, in whichever process; Blur2ViewError if it cannot be read."""
 Done = Generator[tuple[Job, Outcome]]
 
 
@@ -101,32 +92,39 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
     return found
 
 
-def in_processes(work: Work, jobs: Iterable[Job], find: Find, *, count: int) -> Done:
+def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, count: int) -> Done:
     """Yield jobs with their outcomes, done by ``count`` processes, or by a thread if one is enough.
 
-    The main thread works on nothing, so that Ctrl-C is answered at once. RunError where no process can be
-    started.
+    The main thread matches neighbours and nothing else, so that Ctrl-C is answered at once. RunError where no
+    process can be started.
     """
-    start: Callable[[], Executor] = partial(_pool, count) if count > 1 else partial(ThreadPoolExecutor, 1)
+    start: Callable[[], Executor] = partial(processes, count) if count > 1 else partial(ThreadPoolExecutor, 1)
     slots = AHEAD * count if count > 1 else 1
     try:
-        yield from _in_order(work, jobs, find, start, lambda: slots)
+        executor = Restarted(start, BrokenProcessPool, Shared if count > 1 else bytes)
+        yield from _in_order(work, jobs, find, look, executor, lambda: slots)
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
         raise RunError(f"no processes can be started ({reason})") from None
 
 
-def in_cluster(work: Work, jobs: Iterable[Job], find: Find, *, address: str) -> Done:
+def in_cluster(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, address: str) -> Done:
     """Yield jobs with their outcomes, done by the workers of a Dask cluster (``tcp://HOST:8786``).
 
     A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
-    not installed, no scheduler answers, there is no worker, or whatever else keeps it from going on.
+    not installed, no scheduler answers, there is no worker for some seconds, or whatever else keeps it from
+    going on.
     """
-    client, killed = _connected(address)
-    start = partial(client.get_executor, pure=False)
+    client, killed = connected(address)
+
+    def alive() -> None:
+        if not client.nthreads():
+            wait_for_worker(client, address)
+
     try:
+        executor = Restarted(partial(client.get_executor, pure=False), killed, bytes, alive)
         yield from _in_order(
-            work, jobs, find, start, lambda: AHEAD * max(sum(client.nthreads().values()), 1), killed
+            work, jobs, find, look, executor, lambda: AHEAD * max(sum(client.nthreads().values()), 1)
         )
     except Blur2ViewError:
         raise
@@ -141,50 +139,98 @@ def in_cluster(work: Work, jobs: Iterable[Job], find: Find, *, address: str) -> 
 
 
 def _in_order(
-    work: Work,
-    jobs: Iterable[Job],
-    find: Find,
-    start: Callable[[], Executor],
-    slots: Callable[[], int],
-    lost: type[Exception] = BrokenProcessPool,
+    work: Work, jobs: Iterable[Job], find: Find, look: Look, executor: Restarted, slots: Callable[[], int]
 ) -> Done:
-    """Yield jobs in order with their outcomes, files written, done by the executor that ``start`` returns.
+    """Yield jobs in order with their outcomes, files written, done by an executor.
 
-    At most ``slots()`` jobs are begun at a time. A process that dies (of too little memory, of a damaged file
-    that crashes a decoder) is ``lost`` with the jobs in hand; each is tried once more, alone. A video that is
-    cut off fails once, not with every frame. OutputError on a full disk.
+    At most ``slots()`` jobs wait for the features of their neighbours, and as many are begun. Those in hand
+    when a process dies are tried once more, alone. A video that is cut off fails once, not with every frame.
+    OutputError on a full disk.
     """
-    executor, pending = start(), deque[tuple[Job, Future[Outcome]]]()
+    waiting, pending = deque[tuple[Job, Outcome | None]](), deque[tuple[Job, Future[Outcome]]]()
+    features = _Features(look, executor)
+    series = Series(features.of)
+
+    def begin() -> None:
+        job, outcome = waiting.popleft()
+        if outcome is None:
+            job = replace(job, matches=series.around(job.source, job.neighbours))
+            features.drop(job)
+            shared = replace(job, content=executor.share(job.content))
+            pending.append((shared, executor.submit(_perform, work, shared)))
+        else:
+            future = Future[Outcome]()
+            future.set_result(outcome)
+            pending.append((job, future))
 
     def oldest() -> tuple[Job, Outcome]:
         job, future = pending[0]
         try:
-            outcome = future.result()
-        except lost:
+            outcome = executor.result(future)
+        except executor.lost:
             outcome = _alone(work, job)
         pending.popleft()
-        return replace(job, contents={}), _written(job, outcome)
+        return replace(job, content=b"", matches={}), _written(job, outcome)
 
     try:
         for job, outcome in _begun(jobs, find):
-            future = Future[Outcome]()
-            if outcome is None:
-                try:
-                    future = executor.submit(_perform, work, job)
-                except lost:  # meanwhile
-                    executor = start()
-                    future = executor.submit(_perform, work, job)
-            else:
-                future.set_result(outcome)
-            pending.append((job, future))
+            if outcome is None and job.neighbours:
+                features.begin([job.source, *(near for _, near in job.neighbours)])
+            waiting.append((job, outcome))
+            while len(waiting) > (slots() if job.neighbours else 0):
+                begin()
             while len(pending) >= slots():
                 yield oldest()
+        while waiting:
+            begin()
         while pending:
             yield oldest()
     finally:
         for _, future in pending:
             future.cancel()
-        executor.shutdown(wait=False)
+        executor.executor.shutdown(wait=not pending and not waiting)
+        _content.cache_clear()
+
+
+class _Features:
+    """Features of photographs that neighbours ask for, each found once, ahead of the jobs."""
+
+    def __init__(self, look: Look, executor: Restarted) -> None:
+        self._look, self._executor = look, executor
+        self._found = dict[Source, tuple[Any, Future[Features | None]]]()  # with what was sent
+
+    def begin(self, sources: Iterable[Source]) -> None:
+        """Begin to find the features of photographs; those that cannot be read have none."""
+        for source in sorted(sources, key=lambda source: source.frame or 0):  # a video is read in order
+            if source not in self._found:
+                with suppress(ImageError):
+                    shared = self._executor.share(_content(source)[0])
+                    future = self._executor.submit(_looked, self._look, source, shared)
+                    self._found[source] = shared, future
+
+    def of(self, source: Source) -> Features | None:
+        """Return the features of a photograph, None if it cannot be read."""
+        if source not in self._found:
+            return None
+        shared, future = self._found[source]
+        try:
+            return self._executor.result(future)
+        except self._executor.lost:
+            with processes(1) as pool, suppress(BrokenProcessPool):
+                return pool.submit(_looked, self._look, source, shared).result()
+            return None
+
+    def drop(self, job: Job) -> None:
+        """Forget the features of a job and of those before it, which are matched."""
+        for source in (job.source, *(near for steps, near in job.neighbours if steps < 0)):
+            self._found.pop(source, None)
+
+
+def _looked(look: Look, source: Source, content: bytes) -> Features | None:
+    """Return the features of a photograph, None if it cannot be read, which costs a line of its own."""
+    with suppress(Blur2ViewError), within_memory(source.path):
+        return look(source, content)
+    return None
 
 
 def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | None]]:
@@ -227,20 +273,25 @@ def _digest(path: Path, size: int, changed_ns: int) -> str:
 
 
 def _read(job: Job) -> Job:
-    """Return a job with all contents, and the time of a frame; unreadable neighbours are left out.
+    """Return a job with the content of its file, and the time of a frame.
 
-    A video is read in order.
+    A video is read in order: of neighbours what is before comes first, and the last few stay in memory.
     """
-    contents, source = {}, job.source
-    for _, near in sorted([(0, source), *job.neighbours], key=lambda pair: pair[0]):
-        try:
-            contents[near] = near.read()
-        except ImageError:
-            if near == source:
-                raise
-    if source.frame is not None:
-        source = replace(source, time_s=frame_time(source.path, source.frame))
-    return replace(job, source=source, contents=contents)
+    if not job.neighbours:
+        content, time_s = _content.__wrapped__(job.source)
+        return replace(job, source=replace(job.source, time_s=time_s), content=content)
+    for steps, near in sorted(job.neighbours, key=lambda pair: pair[0]):
+        if steps < 0:
+            with suppress(ImageError):
+                _content(near)
+    content, time_s = _content(job.source)
+    return replace(job, source=replace(job.source, time_s=time_s), content=content)
+
+
+@lru_cache(maxsize=3)
+def _content(source: Source) -> tuple[bytes, float | None]:
+    """Return the content of a photograph, and the time of a frame; ImageError if it cannot be read."""
+    return source.read(), source.time_s if source.frame is None else frame_time(source.path, source.frame)
 
 
 def _perform(work: Work, job: Job) -> Outcome:
@@ -282,65 +333,9 @@ def digest_of_files(contents: Iterable[bytes]) -> str:
 
 def _alone(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
-    with _pool(1) as pool:
+    with processes(1) as pool:
         try:
             return pool.submit(_perform, work, job).result()
         except BrokenProcessPool:
             why = "the process that read it died, perhaps of too little memory; resize it"
             return _failed(job.name, ImageError(f"{job.source}: {why}"))
-
-
-def _pool(count: int) -> ProcessPoolExecutor:
-    """Return processes that start afresh: a fork would copy the threads' locks of the libraries.
-
-    They import no module of the current folder, whatever it is called.
-    """
-    os.environ["PYTHONSAFEPATH"] = "1"
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
-
-
-def _begin() -> None:
-    """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    cv2.setNumThreads(1)
-
-
-def _end_with_parent() -> None:
-    """End this process when its parent is killed: nobody would take its results."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _connected(address: str) -> tuple[Any, type[Exception]]:
-    """Return a client of a Dask scheduler, and the error of a job that killed its workers.
-
-    A scheduler that does not answer in time is RunError, as another program at the address may wait for ever.
-    """
-    try:
-        import distributed
-    except ImportError:
-        raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
-    for name in LOGGERS:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    answer = Future[Any]()
-
-    def connect() -> None:
-        try:
-            answer.set_result(distributed.Client(address, timeout=CONNECT_S))
-        except BaseException as error:  # of any type, where no scheduler answers
-            answer.set_exception(OSError(" ".join(str(error).split()) or type(error).__name__))
-
-    threading.Thread(target=connect, daemon=True).start()
-    try:
-        client = answer.result(CONNECT_S)
-    except (OSError, TimeoutError) as error:
-        reason = str(error) or f"in {CONNECT_S} s"
-        raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
-    try:
-        client.wait_for_workers(1, timeout=WORKERS_S)
-    except TimeoutError:
-        raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
-    return client, distributed.scheduler.KilledWorker

@@ -238,6 +238,7 @@ class Command:
 
     in_time = InTime(sequence=False)  # unless a command has these options
     folder = Folder()  # unless a command has these options
+    as_stored = False  # whether photographs are taken as they are stored, not upright
 
     def __post_init__(self) -> None:
         if self.many.dask is not None and self.stated_camera.database is not None:

@@ -5,7 +5,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from multiprocessing import parent_process
@@ -21,7 +21,7 @@ from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, 
 from blur2view.cli.options import Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
-from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
+from blur2view.exposure.sequence import Features, features_of, in_time
 from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.image import read_image, read_pixels
@@ -34,7 +34,6 @@ from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
-Content = tuple[Source, bytes]
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 
 
@@ -168,11 +167,11 @@ class Run:
     def _results(self, work: Callable[[Any, Any], Outcome]) -> Done:
         """Return a generator of the jobs with their outcomes."""
         many, find = self.options.many, self._done_before if self.options.folder.resume else lambda job: None
-        do = partial(work, self.options)
+        do, look = partial(work, self.options), partial(features_in, self.options.as_stored)
         if many.dask is not None:
-            return in_cluster(do, self.jobs, find, address=many.dask)
+            return in_cluster(do, self.jobs, find, look, address=many.dask)
         count = max(min(many.jobs or usable_cores(), len(self.jobs)), 1)
-        return in_processes(do, self.jobs, find, count=count)
+        return in_processes(do, self.jobs, find, look, count=count)
 
     def _done_before(self, job: Job) -> Outcome | None:
         """Return the outcome of a photograph whose files are there, from the same input and options."""
@@ -285,21 +284,16 @@ class EstimatedFile:
 
 
 def estimate_file(
-    options: Command,
-    job: Job,
-    *,
-    as_stored: bool = False,
-    camera_of: CameraOf | None = None,
-    detail: Detail = Detail.GEOMETRY,
+    options: Command, job: Job, *, camera_of: CameraOf | None = None, detail: Detail = Detail.GEOMETRY
 ) -> EstimatedFile:
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
-    ``as_stored`` is that of `read_image`, ``detail`` that of `estimate`; ``camera_of`` gives intrinsics, by
+    ``detail`` is that of `estimate`; ``camera_of`` gives intrinsics, by
     default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
-    image = read_pixels(path, as_stored=as_stored, content=job.content)
+    image = read_pixels(path, as_stored=options.as_stored, content=job.content)
     exif = read_exif(path, job.content)
     exposure_s = options.in_time.exposure or exif.exposure_s
     found = estimate(
@@ -324,7 +318,9 @@ def estimate_file(
         "input_sha256": job.input_sha256,
         "options_sha256": job.options_sha256,
     }
-    return EstimatedFile(estimate=_in_time(found, job, as_stored), image=image, stated=stated)
+    if job.neighbours:
+        found = in_time(found, job.matches)
+    return EstimatedFile(estimate=found, image=image, stated=stated)
 
 
 def _shutter(
@@ -339,26 +335,6 @@ def _shutter(
     return RollingShutter(readout_s=readout_s, exposure_s=exposure_s, towards=towards)
 
 
-def _in_time(found: Estimate, job: Job, as_stored: bool) -> Estimate:
-    """Return an estimate in the order that the photographs before and after it decide."""
-    matches, here = dict[int, Matches](), (job.source, job.content)
-    for steps, near in job.neighbours:
-        if near not in job.contents:  # it cannot be read, and has a line of its own
-            continue
-        with suppress(Blur2ViewError):  # likewise
-            there = near, job.contents[near]
-            pair = (there, here) if steps < 0 else (here, there)
-            earlier, later = _matched(*pair, as_stored)
-            matches[steps] = (later, earlier) if steps < 0 else (earlier, later)
-    return in_time(found, matches) if job.neighbours else found
-
-
-@lru_cache(maxsize=2)
-def _matched(earlier: Content, later: Content, as_stored: bool) -> Matches:
-    """Return matched pixels of two photographs, which each of them asks for."""
-    return match_features(_features(*earlier, as_stored), _features(*later, as_stored))
-
-
-@lru_cache(maxsize=3)
-def _features(source: Source, content: bytes, as_stored: bool) -> Features:
+def features_in(as_stored: bool, source: Source, content: bytes) -> Features:
+    """Return the features of a photograph, by which its neighbours are matched."""
     return features_of(read_image(source.path, as_stored=as_stored, content=content))

@@ -79,6 +79,7 @@ class ToColmapOptions(Command):
         "blur2view to-colmap --db project.db --link --sequence frames/*.png",
     )
     tables = {"what is written": WRITTEN, "JSON document of --json": DOCUMENT}
+    as_stored = True  # COLMAP turns nothing upright
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -152,7 +153,7 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
         hint = plan.prior_focal and not stated.given
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
 
-    file = estimate_file(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns nothing upright
+    file = estimate_file(options, job, camera_of=camera_of)
     views = views_of(job.name, file.estimate)
     if plan is not None:
         views = keypoint_views(job.name, plan.keypoints, file.estimate, options.estimating.robust())

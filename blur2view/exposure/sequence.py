@@ -8,13 +8,13 @@ rotation then agreed in sign with the recorder's in 64 of 64 frames, with time r
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, groupby, pairwise
 from posixpath import dirname
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.images.inputs import list_photographs
 from blur2view.images.pixels import photograph_of, rgb_of
 from blur2view.images.video import read_video
+from blur2view.networks.model_file import one_thread
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.matches import SelectOptions
@@ -40,6 +41,7 @@ MAX_FEATURES = 4000  # with 1000 the rotation of 94 % of RedKitchen's frames cam
 CONTRAST_THRESHOLD = 0.01  # SIFT's: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_F_ERROR_PX = 2.0  # of the fundamental matrix that verifies matches, at `MATCHED_SIDE_PX`
+PAIRS_KEPT = 2  # matched ones: each is asked for by both frames
 MIN_VERIFIED = 12  # that are verified; fewer may be chance
 MAX_DISTANCE = 0.04  # from a match to the nearest smear that is used, of the longer side
 MIN_VOTES = 8  # matches near smears; fewer do not decide
@@ -53,10 +55,11 @@ ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of
 CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 ESSENTIAL_PX = 1.0  # maximum error of the essential matrix between neighbours
 GAP_FRAMES = 100  # time step, in frame intervals, between recordings: too long for any conclusion
-Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
+Features = tuple[Array, NDArray[np.uint8]]  # points (N, 2), descriptors (N, 128): 0.6 MB of 4000
 Matches = tuple[Array, Array]  # pixels (M, 2) in two photographs
 NO_POINTS = np.zeros((0, 2))
-NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
+NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.uint8))
+Frame = TypeVar("Frame", bound=Hashable)
 
 
 class PictureMotion(NamedTuple):
@@ -79,12 +82,13 @@ def features_of(image: NDArray[np.float32]) -> Features:
     if not keypoints:
         return NO_FEATURES
     points = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) / scale - 0.5
-    return points, np.asarray(descriptors, np.float32)
+    return points, np.asarray(descriptors, np.uint8)  # whole numbers, which OpenCV returns as floats
 
 
 def match_features(features1: Features, features2: Features) -> Matches:
     """Match mutual nearest neighbours that pass the ratio test and follow one fundamental matrix."""
-    (points1, d1), (points2, d2) = features1, features2
+    points1, points2 = features1[0], features2[0]
+    d1, d2 = (descriptors.astype(np.float32) for _, descriptors in (features1, features2))
     if min(len(points1), len(points2)) < MIN_VERIFIED:
         return NO_POINTS, NO_POINTS
     unit1, unit2 = (d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for d in (d1, d2))
@@ -102,6 +106,33 @@ def match_features(features1: Features, features2: Features) -> Matches:
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
             kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
     return (points1[kept], points2[kept]) if kept.sum() >= MIN_VERIFIED else (NO_POINTS, NO_POINTS)
+
+
+class Series(Generic[Frame]):
+    """Frames in the order of time, of which each pair of neighbours is matched once.
+
+    ``features_of`` gives the features of a frame, None if it cannot be read.
+    """
+
+    def __init__(self, features_of: Callable[[Frame], Features | None]) -> None:
+        self._features_of, self._matched = features_of, dict[tuple[Frame, Frame], Matches]()
+
+    @one_thread
+    def around(self, frame: Frame, neighbours: Iterable[tuple[int, Frame]]) -> dict[int, Matches]:
+        """Return the matches of a frame with its neighbours, by their steps in time, own pixels first."""
+        found = dict[int, Matches]()
+        for steps, other in neighbours:
+            pair = (other, frame) if steps < 0 else (frame, other)
+            if pair not in self._matched:
+                first, second = map(self._features_of, pair)
+                if first is None or second is None:
+                    continue
+                self._matched[pair] = match_features(first, second)
+                for oldest in list(self._matched)[:-PAIRS_KEPT]:
+                    del self._matched[oldest]
+            earlier, later = self._matched[pair]
+            found[steps] = (later, earlier) if steps < 0 else (earlier, later)
+        return found
 
 
 def motion_of(matches: Mapping[int, Matches], camera: Camera | None = None) -> PictureMotion:
@@ -277,23 +308,23 @@ def _in_series(
 ) -> Iterator[Estimate]:
     """Yield the estimate of each frame when the next one is there."""
     last: Estimate | None = None
-    matches: dict[int, Matches] = {}
-    features: Features = NO_FEATURES
+    features = dict[int, Features]()  # of two frames, by their numbers
+    series = Series(features.get)
     for number, frame in enumerate(frames):
-        current, before = estimate_one(frame), features
+        current = estimate_one(frame)
         if times is not None:
             if (time := next(times, None)) is None:
                 raise ValueError("there are fewer timestamps than frames")
             current = replace(current, timestamp_s=float(time))
-        features = features_of(rgb_of(frame))
+        features[number] = features_of(rgb_of(frame))
         if last is not None:
             if current.grid.size != last.grid.size:
                 raise ValueError(
                     f"frame {number} has {current.grid.size} pixels, those before {last.grid.size}"
                 )
-            earlier, later = match_features(before, features)
-            yield in_time(last, matches | {1: (earlier, later)})
-            matches = {-1: (later, earlier)}
+            before = [(-1, number - 2)] if number > 1 else []
+            yield in_time(last, series.around(number - 1, [*before, (1, number)]))
+            features.pop(number - 2, None)
         last = current
     if last is not None:
-        yield in_time(last, matches)
+        yield in_time(last, series.around(number, [(-1, number - 1)] if number else []))

@@ -4,13 +4,19 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from blur2view.cli import jobs
+from blur2view.cli import executors, jobs
+from blur2view.errors import RunError
+from blur2view.exposure.sequence import NO_FEATURES
+from blur2view.images.inputs import Source
+from blur2view.results.photograph import Photograph
 from tests.cli.test_ended_early import wait_for
 from tests.support.calls import Call, call_program
 from tests.support.many_photographs import contents, environment, start, write_photographs
@@ -84,7 +90,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
 def test_nobody_at_the_address_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(jobs, "CONNECT_S", 1)
+    monkeypatch.setattr(executors, "CONNECT_S", 1)
     (photograph,) = write_photographs(tmp_path, 1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         for port in (9, silent.getsockname()[1]):
@@ -93,3 +99,31 @@ def test_nobody_at_the_address_is_one_line(
             assert done == 1 and done.out == ""
             assert f"{address}: no Dask scheduler answers" in done.line
             assert time.monotonic() - start_s < 60  # and not for ever
+
+
+def test_whoever_waits_for_workers_that_all_died_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Client:
+        def nthreads(self) -> dict[str, int]:
+            return {}
+
+        def wait_for_workers(self, count: int, timeout: float) -> None:
+            raise TimeoutError
+
+        def get_executor(self, **_: object) -> ThreadPoolExecutor:
+            return ThreadPoolExecutor(1)
+
+        def close(self) -> None:
+            pass
+
+    def work(job: jobs.Job) -> jobs.Outcome:
+        ended.wait()
+        return jobs.Outcome(photograph=Photograph(name=job.name))
+
+    ended = threading.Event()
+    monkeypatch.setattr(executors, "ANSWER_S", 0.01)
+    monkeypatch.setattr(jobs, "connected", lambda address: (Client(), RuntimeError))
+    every = [jobs.Job(source=Source(path=Path(__file__)))]
+    series = jobs.in_cluster(work, every, lambda _: None, lambda *_: NO_FEATURES, address="tcp://a:1")
+    with pytest.raises(RunError, match="tcp://a:1: has no worker; start some with: dask worker tcp://a:1"):
+        next(series)
+    ended.set()

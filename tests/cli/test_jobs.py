@@ -1,16 +1,29 @@
 """Jobs in this process and in several: order, failures, processes that die, modules of the current folder."""
 
 import os
+import pickle
+import sys
 import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from blur2view.cli import jobs, run
+from blur2view.cli.executors import Shared
 from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_of
 from blur2view.errors import ImageError
+from blur2view.exposure import sequence
+from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, features_of
+from blur2view.images import inputs
 from blur2view.images.inputs import Source
 from blur2view.results.photograph import Photograph
+from tests.support.calls import Call
+from tests.support.many_photographs import write_video
 
 
 @dataclass
@@ -29,15 +42,20 @@ class CountWork:
         return Outcome(photograph=Photograph(name=job.name), summary=f"{os.getpid()} {len(job.content)}")
 
 
+def nothing(source: Source, content: bytes) -> Features:
+    """Return no features."""
+    return NO_FEATURES
+
+
 def results(folder: Path, *words: str, processes: int = 2) -> list[Outcome]:
     """Return the outcomes of files that hold these words, which come in the order of the files."""
-    jobs = []
+    every = []
     for index, word in enumerate(words):
         (path := folder / f"{index}.txt").write_text(word)
-        jobs.append(Job(source=Source(path=path), name=path.name))
+        every.append(Job(source=Source(path=path), name=path.name))
     work = CountWork(count=len(words))
-    found = list(in_processes(work, jobs, lambda job: None, count=processes))
-    assert [job.name for job, _ in found] == [job.name for job in jobs]
+    found = list(in_processes(work, every, lambda job: None, nothing, count=processes))
+    assert [job.name for job, _ in found] == [job.name for job in every]
     return [outcome for _, outcome in found]
 
 
@@ -79,3 +97,40 @@ def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> Non
     frames = [Source(path=Path("v.mp4"), frame=frame) for frame in (0, 5)]
     steps = [[(steps, one.frame) for steps, one in near] for near in neighbours_of(frames, None)]
     assert steps == [[(1, 1)], [(-1, 4), (1, 6)]] and neighbours_of(frames, False) == [(), ()]
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_each_frame_of_a_video_is_read_and_described_once_and_each_pair_matched_once(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    asked = Counter[str]()
+
+    def counted(module: object, name: str) -> None:
+        function = getattr(module, name)
+
+        def note(*words: Any, **options: Any) -> Any:
+            asked[name] += 1
+            return function(*words, **options)
+
+        monkeypatch.setattr(module, name, note)
+
+    counted(run, "features_of")
+    counted(sequence, "match_features")
+    counted(inputs, "read_frame")
+    monkeypatch.setattr(jobs, "processes", ThreadPoolExecutor)  # processes would count by themselves
+    monkeypatch.setattr(jobs, "Shared", bytes)
+    assert call("estimate", write_video(tmp_path / "clip.mp4", 12), "--jobs", count, "-q") == 0
+    assert asked["features_of"] == 12 and asked["match_features"] == 11
+    assert asked["read_frame"] <= 14  # with those that would be behind the last
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere contents go through a pipe")
+def test_a_frame_of_720p_costs_a_pipe_less_than_a_megabyte() -> None:
+    noise = np.random.default_rng(0).random((360, 640, 3), np.float32).repeat(2, 0).repeat(2, 1)
+    features = features_of(noise)
+    content = np.ascontiguousarray(255 * noise, np.uint8).tobytes()
+    shared = Shared(content)
+    sent = pickle.dumps(shared)
+    most = len(pickle.dumps(features)) / len(features[0]) * MAX_FEATURES
+    assert len(features[0]) > 500 and most + 2 * len(sent) < 1e6
+    assert pickle.loads(sent) == content

@@ -1,0 +1,142 @@
+"""What does the work: processes of this machine, which start afresh, or the workers of a Dask cluster."""
+
+import logging
+import os
+import signal
+import threading
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, wait
+from concurrent.futures.process import ProcessPoolExecutor
+from contextlib import suppress
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+
+from blur2view.errors import RunError
+
+CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
+ANSWER_S = 2.0  # between looks whether the workers of a cluster are there
+LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
+"""Loggers of Dask that are silenced: its errors are printed as lines of blur2view."""
+T = TypeVar("T")
+
+
+class Shared:
+    """A content in memory that processes of this machine read, so that no pipe copies it, where one can."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content, self._number = content, -1
+        if hasattr(os, "memfd_create") and os.path.isdir(f"/proc/{os.getpid()}/fd"):
+            with suppress(OSError):
+                self._number = os.memfd_create("blur2view")
+                weakref.finalize(self, os.close, self._number)
+                with open(self._number, "wb", closefd=False) as file:
+                    file.write(content)
+                self._content = b""
+
+    def __reduce__(self) -> tuple[Callable[..., bytes], tuple[object]]:
+        """Return how another process makes the bytes of it."""
+        if self._content or self._number < 0:
+            return bytes, (self._content,)
+        return _read_whole, (f"/proc/{os.getpid()}/fd/{self._number}",)
+
+
+def _read_whole(path: str) -> bytes:
+    return Path(path).read_bytes()
+
+
+class Restarted:
+    """An executor that is started anew where its processes are lost.
+
+    A process dies of too little memory, or of a damaged file that crashes a decoder; with it the jobs in hand
+    are ``lost``. ``share`` makes of a content what goes to a process; ``alive`` raises an error if nobody is
+    there to answer.
+    """
+
+    def __init__(
+        self,
+        start: Callable[[], Executor],
+        lost: type[Exception],
+        share: Callable[[bytes], Any],
+        alive: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.start, self.lost, self.share, self.alive = start, lost, share, alive
+        self.executor = start()
+
+    def submit(self, function: Callable[..., T], *words: object) -> "Future[T]":
+        """Begin a call of a function."""
+        try:
+            return self.executor.submit(function, *words)
+        except self.lost:  # meanwhile
+            self.executor = self.start()
+            return self.executor.submit(function, *words)
+
+    def result(self, future: "Future[T]") -> T:
+        """Return the result of a call."""
+        while not wait([future], ANSWER_S).done:
+            self.alive()
+        return future.result()
+
+
+def processes(count: int) -> ProcessPoolExecutor:
+    """Return processes that start afresh: a fork would copy the threads' locks of the libraries.
+
+    They import no module of the current folder, whatever it is called.
+    """
+    os.environ["PYTHONSAFEPATH"] = "1"
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+
+
+def _begin() -> None:
+    """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    cv2.setNumThreads(1)
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is killed: nobody would take its results."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def connected(address: str) -> tuple[Any, type[Exception]]:
+    """Return a client of a Dask scheduler, and the error of a job that killed its workers.
+
+    A scheduler that does not answer in time is RunError, as another program at the address may wait for ever.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
+    for name in LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    answer = Future[Any]()
+
+    def connect() -> None:
+        try:
+            answer.set_result(distributed.Client(address, timeout=CONNECT_S))
+        except BaseException as error:  # of any type, where no scheduler answers
+            answer.set_exception(OSError(" ".join(str(error).split()) or type(error).__name__))
+
+    threading.Thread(target=connect, daemon=True).start()
+    try:
+        client = answer.result(CONNECT_S)
+    except (OSError, TimeoutError) as error:
+        reason = str(error) or f"in {CONNECT_S} s"
+        raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
+    wait_for_worker(client, address)
+    return client, distributed.scheduler.KilledWorker
+
+
+def wait_for_worker(client: Any, address: str) -> None:
+    """Wait until a scheduler has a worker; RunError if none comes."""
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError:
+        raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
