@@ -23,7 +23,7 @@ from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.camera_motion import Movers
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
-from blur2view.smears.likelihood import DIRECTIONS, IN_FOCUS_PX, KINDS
+from blur2view.smears.likelihood import BOTH, CANNOT_TELL, DIRECTIONS, IN_FOCUS_PX, KINDS, SHARP, SMEARED
 
 PLACE_PX = 4
 """Side of a place, pixels."""
@@ -64,6 +64,12 @@ EDGE_HEIGHT, TOP_HEIGHT, THRESHOLD = 0.5, 0.8, 0.5
 the probability of its top. `tools.evaluation.segmentation`, by every second photograph, chose these, NEAR
 and PLAIN_PX."""
 
+SHARPER, SMEARED_SHARE = 0.1, 0.1
+"""Before a camera that stands still: by how much the sharpness of a part, 0 to 1, must exceed that of what is
+around it, and the share of its places that must be smeared for it to move nevertheless. Of 24 sharp cut-outs
+before soft photographs these leave a mask on 1, not 3, and of 138 sharp photographs on 8, not 11; no mask of
+24 rendered scenes with movers before a still camera changes."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moving:
@@ -79,6 +85,8 @@ class Moving:
     """Median displacement of the camera's motion, pixels."""
     camera_moved: float
     """Probability that the camera moved."""
+    kinds: Floats
+    """(h, w, 3): probabilities that a place is sharp, that it is smeared, and that its blur is known."""
 
     @property
     def probability(self) -> Floats:
@@ -96,7 +104,24 @@ class Moving:
         count, part = cv2.connectedComponents(edge, connectivity=4)
         moves = np.zeros(count, bool)
         moves[part[seen & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
+        if self.camera_moved < 0.5:
+            moves &= ~self._in_focus(part, count)
         return np.asarray(moves[part])
+
+    def _in_focus(self, part: NDArray[np.int32], count: int) -> Mask:
+        """Mark the parts (count,) that are sharper than what is around them, part 0, and hold no sure smear.
+
+        Before a camera that stands still these are the subject of a lens, not what moves.
+        """
+        sharp, smeared, known = np.moveaxis(self.kinds, -1, 0)
+
+        def mean(values: AnyArray, weight: AnyArray) -> Array:
+            total = np.bincount(part.ravel(), (values * weight).ravel(), count)
+            return np.asarray(total / np.maximum(np.bincount(part.ravel(), weight.ravel(), count), 1e-6))
+
+        sharpness = mean(np.minimum(sharp / np.maximum(known, 1e-6), 1), known)
+        smears = mean(smeared > 0.5 * known, np.ones_like(known))
+        return np.asarray((sharpness > sharpness[0] + SHARPER) & (smears < SMEARED_SHARE))
 
     def evidence(self, grid: SmearGrid, share: float) -> Movers:
         """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
@@ -141,12 +166,15 @@ def moving_in(
     odds = INTERCEPT + SLOPE * (looks + blurred)
     odds += np.float32(AT_REST * (1 - camera_moved))
     smooth = smooth_places(gradients)
+    kinds = np.asarray(grid.kinds, np.float32)
+    shown = np.dstack([kinds[..., SHARP], kinds[..., [SMEARED, BOTH]].sum(-1), 1 - kinds[..., CANNOT_TELL]])
     return Moving(
         log_odds=(1 - ALIKE) * odds + ALIKE * bilateral_mean(odds, colour, ~smooth),
         smooth=smooth,
         place_px=PLACE_PX * factor,
         camera_px=camera_px,
         camera_moved=camera_moved,
+        kinds=np.asarray(cv2.resize(shown, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32),
     )
 
 

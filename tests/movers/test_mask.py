@@ -13,6 +13,7 @@ from skimage import data
 
 from blur2view.images.image import read_image
 from blur2view.movers.mask import MotionLabel, MotionMask, regions_of
+from blur2view.movers.moving import Moving
 from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.results import overlay
 
@@ -182,3 +183,23 @@ def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(photograph: Path, t
     one, *others = (segment(estimate(image), image).labels == MotionLabel.MOVING for image in images)
     assert one.any() or photograph != SAMPLE
     assert all((one & other).sum() >= 0.8 * (one | other).sum() for other in others)
+
+
+@pytest.mark.parametrize(
+    ("sharp", "smeared", "camera_moved", "moves"),
+    [(0.9, 0.0, 0.1, False), (0.9, 0.0, 0.9, True), (0.1, 0.8, 0.1, True), (0.2, 0.0, 0.1, True)],
+)
+def test_what_is_in_focus_before_a_camera_at_rest_does_not_move(
+    sharp: float, smeared: float, camera_moved: float, moves: bool
+) -> None:
+    log_odds, kinds = np.full((40, 60), -4, np.float32), np.full((40, 60, 3), (0.2, 0.0, 1.0), np.float32)
+    log_odds[10:20, 20:40], kinds[10:20, 20:40] = 3, (sharp, smeared, 1)
+    moving = Moving(
+        log_odds=log_odds,
+        smooth=np.zeros((40, 60), bool),
+        place_px=4,
+        camera_px=0.0,
+        camera_moved=camera_moved,
+        kinds=kinds,
+    )
+    assert moving.parts().any() == moves
