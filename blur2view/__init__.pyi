@@ -45,10 +45,14 @@ from blur2view.pipeline import segment as segment
 from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind
+from blur2view.smears.blur_map import BlurLabel as BlurLabel
+from blur2view.smears.blur_map import blur_map as blur_map
 from blur2view.smears.camera_motion import blur_of as blur_of
 from blur2view.smears.grid import SmearField as SmearField
 from blur2view.smears.grid import SmearGrid as SmearGrid
 from blur2view.smears.grid import load_smears as load_smears
+from blur2view.smears.kernels import BlurKernels as BlurKernels
+from blur2view.smears.kernels import blur_kernels as blur_kernels
 from blur2view.smears.matches import SelectOptions as SelectOptions
 from blur2view.smears.matches import SmearMatches as SmearMatches
 from blur2view.smears.matches import select_matches as select_matches

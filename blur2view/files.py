@@ -29,12 +29,13 @@ SIGNATURES = (
     b'"options_sha256": "',
     b'"generator": "blur2view ',
     b"smear_grid.npy",
+    b"blur_kernels.npy",
     b"Software\0" + SIGNED_BY.encode(),
     b'name="generator" content="blur2view ',
     f"comment {SIGNED_BY}\n".encode(),
     f"id,{SIGNED_BY}\n".encode(),
 )
-"""What files hold that blur2view wrote: JSON (two), NPZ, PNG, HTML, PLY, Gyroflow's log."""
+"""What files hold that blur2view wrote: JSON (two), NPZ (two), PNG, HTML, PLY, Gyroflow's log."""
 NOTES = ".blur2view.sha256"  # of a folder: digests of what was written there and has no signature
 HALF = ".blur2view.tmp"  # how names of half-written files end
 LOCK_S, PAUSE_S = 10.0, 0.02  # bound of waiting for another call that writes in a folder, and between looks

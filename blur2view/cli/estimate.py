@@ -8,7 +8,7 @@ import numpy as np
 
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder, InTime
-from blur2view.cli.parser import rare_option
+from blur2view.cli.parser import flag, rare_option
 from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import OutputError
@@ -18,6 +18,7 @@ from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
 from blur2view.smears.grid import stored_smears
+from blur2view.smears.kernels import blur_kernels
 
 ENDINGS = (".smear.npz", ".png", ".json")
 CONFIGURATIONS = """
@@ -40,6 +41,9 @@ FILES = """
     has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel. ends (N, 2, 2),
     match_sigma_px, inlier_mask, second_end_is_open (N): the smears that were used, their sigma as the
     estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
+<stem>.kernels.npz: with --kernels: whole (K, K), the photograph's blur kernel, and blur_kernels (h, w, K, K),
+    every cell's, of sum 1, in linear light, in pixels; known (h, w), whether a cell shows its blur; stride,
+    pixels a cell. The length and the angle of the whole are smear_px and direction_deg of the JSON document
 <stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict
 """
@@ -62,6 +66,9 @@ class EstimateOptions(Command):
         called as the video but .gcsv, with --focal or --camera: those of frames of which it is known which
         end of the exposure came first""")
 
+    kernels: bool = flag("""--kernels: also write the blur kernels of the photograph and of its cells, for
+        programs that deconvolve, as DIR/<stem>.kernels.npz""")
+
     examples = (
         "blur2view estimate models/sample.jpg -o out",
         "blur2view estimate photographs --recursive -o results --resume",
@@ -80,10 +87,17 @@ class EstimateOptions(Command):
         super().__post_init__()
         if self.gyroflow is not None and not self.stated_camera.given:
             raise ValueError("--gyroflow is about rates, which need --focal or --camera")
+        if self.kernels and self.folder.output is None:
+            raise ValueError("--kernels needs a folder; name it with -o")
+
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """The endings of a photograph's files, JSON last."""
+        return (".kernels.npz", *ENDINGS) if self.kernels else ENDINGS
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        run, log = Run(self, ENDINGS), self.gyroflow
+        run, log = Run(self, self.endings), self.gyroflow
         if log is not None and not run.inputs.one_video:
             raise OutputError(
                 f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
@@ -100,7 +114,9 @@ def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     file = estimate_file(options, job)
     record = file.record()
     contents = estimate_contents(file, record) if job.files else []
-    lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, ENDINGS)]
+    if options.kernels:
+        contents.insert(0, blur_kernels(file.estimate.grid, file.estimate.blur).to_npz())
+    lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, options.endings)]
     if options.printing.verbose:
         lines.append(record.reason)
     return Outcome(photograph=record, summary="\n  ".join(lines), contents=contents)

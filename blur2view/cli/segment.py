@@ -10,20 +10,24 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder
-from blur2view.cli.parser import one_of, option, probability
+from blur2view.cli.parser import flag, one_of, option, probability
 from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
 from blur2view.cli.terminal import printable
 from blur2view.movers.mask import GREY, MaskFormat, as_stored
 from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
-from blur2view.results.overlay import draw_motion, mask_verdict, png
+from blur2view.results.overlay import draw_blur_map, draw_motion, mask_verdict, png
 from blur2view.results.photograph import explanations
+from blur2view.smears.blur_map import blur_map
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (the photograph is smooth there)
 <stem>.moving.png: probability of moving, times 65535 (16-bit grey)
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
+<stem>.blur.png: with --blur-map: 8-bit grey: 255 sharp, 170 out of focus, 85 smeared, 0 smooth, so that
+    nothing is known
+<stem>.blur-map.png: with --blur-map: the photograph in the colours of these
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last: what --resume goes on with
 """
@@ -50,6 +54,8 @@ class SegmentOptions(Command):
         program, colmap, nerfstudio or instant-ngp; may be repeated. They lie below DIR/masks: colmap
         NAME.jpg.png and nerfstudio NAME.png, 0 where pixels are ignored, instant-ngp dynamic_mask_NAME.png,
         255 there (blur2view to-transforms --masks-from DIR puts them where these trainers look)""")
+    blur_map: bool = flag("""--blur-map: also write which pixels are sharp, smeared, out of focus or smooth,
+        as labels and as a picture""")
 
     examples = (
         "blur2view segment street.jpg -o masks",
@@ -65,15 +71,22 @@ class SegmentOptions(Command):
         super().__post_init__()
         if self.masks is not None and self.folder.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
+        if self.blur_map and self.folder.output is None:
+            raise ValueError("--blur-map needs a folder; name it with -o")
 
     @property
     def programs(self) -> list[MaskFormat]:
         """The programs that get masks of their own."""
         return [MaskFormat(name) for name in dict.fromkeys(self.masks or ())]
 
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """The endings of a photograph's files, JSON last."""
+        return (".blur.png", ".blur-map.png", *ENDINGS) if self.blur_map else ENDINGS
+
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        run = Run(self, ENDINGS, lambda name: [FOLDER / program.path(name) for program in self.programs])
+        run = Run(self, self.endings, lambda name: [FOLDER / program.path(name) for program in self.programs])
         run.do(segment_one, listed="masks")
         return run.exit_code
 
@@ -89,7 +102,13 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
         stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
         masks = [program.picture(stored) for program in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
-        pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(file.image, mask)]
+        blurs: list[AnyArray] = []
+        if options.blur_map:
+            labels = blur_map(file.estimate.grid)
+            blurs = [labels, draw_blur_map(file.image, labels)]
+        pictures: list[AnyArray] = [*masks, *blurs, GREY[mask.labels], levels, draw_motion(file.image, mask)]
         contents = [png(picture) for picture in pictures]
-    summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, ENDINGS)}"
+    summary = (
+        f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, options.endings)}"
+    )
     return Outcome(photograph=record, summary=summary, contents=contents)

@@ -21,6 +21,7 @@ from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import fit_line, percent
+from blur2view.smears.blur_map import BlurLabel, shares_of_labels
 
 Picture = NDArray[np.uint8]  # (H, W, 3) or, of a layer, (H, W, 4)
 INK, PAPER, FAINT, BLACK, WHITE = (235, 235, 235), (26, 26, 30), (165, 165, 165), (0, 0, 0), (255, 255, 255)
@@ -37,6 +38,13 @@ SMEAR_SPACING_PX = 26  # smallest side of a square with one smear: the photograp
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
 LINE_OPACITY, MOVING_OPACITY, UNSEEN_OPACITY = 0.6, 0.55, 0.55
 HATCH_PX = 12
+BLUR_COLOURS = {
+    BlurLabel.SHARP: (60, 200, 90),
+    BlurLabel.SMEARED: (255, 140, 30),
+    BlurLabel.SOFT: (60, 130, 255),
+    BlurLabel.SMOOTH: (0, 0, 0),
+}
+BLUR_OPACITY = 0.35
 PALE = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 20)])
 """Affine map (3, 4) of RGB to paler RGB, on which colours stand out: mean, share of colour, constant."""
 MENTIONED_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
@@ -80,6 +88,28 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     marked = {"pink moves": mask.shares["moving"], "hatched is unobservable": mask.shares["unobservable"]}
     text = "; ".join([*(words for words, share in marked.items() if share), mask.reason])
     return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask), text)
+
+
+def draw_blur_map(image: AnyArray, labels: NDArray[np.uint8]) -> Picture:
+    """Return the picture of a blur map (`blur_map`) over its photograph (H, W, 3), uint8 RGB.
+
+    What is sharp is green, smeared orange, out of focus blue; where the picture is smooth it is dark.
+    ValueError if the map has another shape than the photograph.
+    """
+    if labels.shape != image.shape[:2]:
+        raise ValueError(f"expected a blur map of shape {image.shape[:2]}, got {labels.shape}")
+    picture = shown(image)
+    size = picture.shape[1], picture.shape[0]
+    colours = np.zeros((256, 3), np.uint8)
+    colours[list(BLUR_COLOURS)] = list(BLUR_COLOURS.values())
+    tint = colours[cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)]
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None]
+    blended = np.rint((1 - BLUR_OPACITY) * grey + BLUR_OPACITY * tint).astype(np.uint8)
+    shares = shares_of_labels(labels)
+    words = {"sharp": "sharp (green)", "smeared": "smeared (orange)", "soft": "out of focus (blue)"}
+    words["smooth"] = "too smooth to tell (dark)"
+    named = [f"{percent(share)} {words[name]}" for name, share in shares.items() if share]
+    return captioned(blended, "Blur map", "; ".join(named))
 
 
 def mask_verdict(mask: MotionMask) -> str:

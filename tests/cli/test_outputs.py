@@ -139,3 +139,14 @@ def test_a_full_disk_is_clear_lines_and_loses_nothing(
     assert "File too large" in full.stderr and len(full.stderr.splitlines()) <= 2
     after = contents(tmp_path)
     assert {name: after[name] for name in before} == before
+
+
+def test_kernels_lie_beside_the_estimate_and_are_replaced_by_the_next_call(
+    run: Call, moving: Path, tmp_path: Path
+) -> None:
+    for _ in range(2):
+        assert run(moving, "-o", tmp_path / "out", "--kernels") == 0
+        with np.load(tmp_path / "out/moving.kernels.npz") as arrays:
+            assert arrays["whole"].sum() == pytest.approx(1, abs=1e-5)
+            assert arrays["blur_kernels"].shape == (*arrays["known"].shape, *arrays["whole"].shape)
+    assert run(moving, "--kernels") == 2

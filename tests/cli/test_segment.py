@@ -14,6 +14,7 @@ from blur2view.movers.mask import MotionLabel
 from blur2view.movers.moving import THRESHOLD
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate, segment
+from blur2view.smears.blur_map import BlurLabel
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents
@@ -94,3 +95,11 @@ def test_masks_for_programs_are_as_the_pixels_are_stored(
     (mask,) = (np.asarray(Image.open(path)) for path in (out / "masks").iterdir())
     grey = np.asarray(Image.open(out / "b.mask.png"))  # upright
     np.testing.assert_array_equal(mask == 0, np.rot90(grey == 255))
+
+
+def test_blur_map_is_labels_and_a_picture(run: Call, walker: Path, tmp_path: Path) -> None:
+    assert run(walker, "-o", tmp_path / "out", "--blur-map") == 0
+    labels = np.asarray(Image.open(tmp_path / "out/a.blur.png"))
+    assert labels.shape == (HEIGHT, WIDTH) and set(np.unique(labels)) <= set(BlurLabel)
+    assert (tmp_path / "out/a.blur-map.png").exists()
+    assert run(walker, "--blur-map") == 2
