@@ -16,7 +16,7 @@ from blur2view.geometry.pose import rotation_vector
 from blur2view.images.pixels import rgb_of
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from blur2view.smears.matches import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
@@ -33,7 +33,7 @@ def network(tiny_model: Path) -> SmearNetwork:
 def numbers(found: Estimate) -> tuple[str, bytes, bytes]:
     """Return all that an estimate says."""
     cells, ends = found.grid.cells.tobytes(), found.matches.ends.tobytes()
-    return Photograph.of(found, name="").to_json(), cells, ends
+    return Record.from_estimate(found, name="").to_json(), cells, ends
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float16, np.float64])

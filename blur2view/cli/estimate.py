@@ -15,7 +15,7 @@ from blur2view.errors import OutputError
 from blur2view.files import write_file
 from blur2view.results.gyroflow import gyroflow_log
 from blur2view.results.overlay import draw_overlay, png
-from blur2view.results.photograph import Photograph, explanations
+from blur2view.results.record import Record, explanations
 from blur2view.results.verdict import fit_line
 from blur2view.smears.grid import stored_smears
 from blur2view.smears.kernels import blur_kernels
@@ -105,7 +105,7 @@ class EstimateOptions(Command):
         run.do(estimate_one, listed="estimates", gyroflow=log)
         if log is not None and run.done and not run.early_exit_code:
             video = next(job.source.path.name for job, outcome in run.outcomes if not outcome.error)
-            write_file(log, gyroflow_log([outcome.photograph for outcome in run.done], video).encode())
+            write_file(log, gyroflow_log([outcome.record for outcome in run.done], video).encode())
         return run.exit_code
 
 
@@ -119,10 +119,10 @@ def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, options.endings)]
     if options.printing.verbose:
         lines.append(record.reason)
-    return Outcome(photograph=record, summary="\n  ".join(lines), contents=contents)
+    return Outcome(record=record, summary="\n  ".join(lines), contents=contents)
 
 
-def estimate_contents(file: EstimatedFile, record: Photograph) -> list[bytes]:
+def estimate_contents(file: EstimatedFile, record: Record) -> list[bytes]:
     """Return the arrays and the overlay of a photograph with its record."""
     estimate, arrays = file.estimate, io.BytesIO()
     matches, geometry = estimate.matches, estimate.geometry

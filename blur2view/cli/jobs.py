@@ -20,7 +20,7 @@ from blur2view.exposure.sequence import Features, Matches, Series
 from blur2view.files import file_digest, write_beside
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 
 if TYPE_CHECKING:
     from blur2view.colmap.database import ProjectImage
@@ -53,7 +53,7 @@ class Job:
 class Outcome:
     """What comes of one photograph."""
 
-    photograph: Photograph
+    record: Record
     summary: str = ""  # what is printed; its first line stands for the photograph where there are many
     contents: Sequence[bytes] = ()  # of the job's files but the last, which is the record
     section: str = ""  # of the report, HTML
@@ -63,7 +63,7 @@ class Outcome:
     @property
     def error(self) -> str:
         """Why it failed, one line; empty if it is done."""
-        return self.photograph.error
+        return self.record.error
 
 
 Work = Callable[[Any], Outcome]
@@ -305,22 +305,22 @@ def _perform(work: Work, job: Job) -> Outcome:
 
 def _failed(name: str, error: Blur2ViewError) -> Outcome:
     """Return the outcome of a photograph that fails."""
-    return Outcome(photograph=Photograph(name=name, error=str(error)))
+    return Outcome(record=Record(name=name, error=str(error)))
 
 
 def _written(job: Job, outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written, or a failure; OutputError on a full disk."""
     if not outcome.contents:
         return outcome
-    photograph = replace(outcome.photograph, files_sha256=digest_of_files(outcome.contents))
-    record = (photograph.to_json() + "\n").encode()
+    record = replace(outcome.record, files_sha256=digest_of_files(outcome.contents))
+    document = (record.to_json() + "\n").encode()
     try:
-        write_beside(dict(zip(job.files, [*outcome.contents, record], strict=True)))
+        write_beside(dict(zip(job.files, [*outcome.contents, document], strict=True)))
     except OutputError as error:
         if isinstance(error.__cause__, OSError) and error.__cause__.errno in DISK_FULL:
             raise
         return _failed(job.name, OutputError(f"{job.name}: {error}"))
-    return replace(outcome, photograph=photograph, contents=())
+    return replace(outcome, record=record, contents=())
 
 
 def digest_of_files(contents: Iterable[bytes]) -> str:

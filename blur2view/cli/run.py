@@ -31,7 +31,7 @@ from blur2view.movers.mask import MotionMask
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate
-from blur2view.results.photograph import Photograph, table_text
+from blur2view.results.record import Record, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
@@ -140,7 +140,7 @@ class Run:
             self._end_early(FAILED, "stopped")
         self.seconds = time.monotonic() - start
         if self.options.folder.json:
-            records = [outcome.photograph.plain() for outcome in self.done]
+            records = [outcome.record.to_dict() for outcome in self.done]
             print(json.dumps({listed: records, "failures": self.failures}, indent=2, allow_nan=False))
         self._write_table()
         quiet = self.options.printing.quiet or self.options.folder.json
@@ -176,7 +176,7 @@ class Run:
     def _done_before(self, job: Job) -> Outcome | None:
         """Return the outcome of a photograph whose files are there, from the same input and options."""
         try:
-            record = Photograph.from_json(job.files[-1].read_bytes())
+            record = Record.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
             whole = record.files_sha256 == digest_of_files(map(read_regular, job.files[:-1]))
         except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
@@ -185,7 +185,7 @@ class Run:
         if not same or not whole:
             return None
         summary = f"{printable(str(job.source))}: done before"
-        return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
+        return Outcome(record=replace(record, name=job.name), summary=summary, skipped=True)
 
     def _print(self, outcome: Outcome, *, lines: bool) -> None:
         """Print why a photograph failed, or its summary: whole if it is the only one, else the first line."""
@@ -210,7 +210,7 @@ class Run:
     def _write_table(self) -> None:
         """Write the table; one that cannot be written is a line, as all else is of use without it."""
         table = self.options.table.csv
-        rows = [outcome.photograph for job, outcome in self.outcomes if job.refusal is None]
+        rows = [outcome.record for job, outcome in self.outcomes if job.refusal is None]
         if table is not None and rows:
             try:
                 write_file(table, table_text(rows), noted=True)
@@ -278,9 +278,9 @@ class EstimatedFile:
     image: AnyArray  # (H, W, 3) from `read_pixels`, upright unless wanted as stored
     stated: Mapping[str, Any]
 
-    def record(self, mask: MotionMask | None = None, threshold: float | None = None) -> Photograph:
+    def record(self, mask: MotionMask | None = None, threshold: float | None = None) -> Record:
         """Return the record of the photograph, and of what moves in it, if that was asked, by a threshold."""
-        return Photograph.of(self.estimate, mask=mask, threshold=threshold, **self.stated).of_use()
+        return Record.from_estimate(self.estimate, mask=mask, threshold=threshold, **self.stated).with_use()
 
 
 def estimate_file(

@@ -17,7 +17,7 @@ from blur2view.movers.mask import GREY, MaskFormat, as_stored
 from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
 from blur2view.results.overlay import draw_blur_map, draw_motion, mask_verdict, png
-from blur2view.results.photograph import explanations
+from blur2view.results.record import explanations
 from blur2view.smears.blur_map import blur_map
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
@@ -111,4 +111,4 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     summary = (
         f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, options.endings)}"
     )
-    return Outcome(photograph=record, summary=summary, contents=contents)
+    return Outcome(record=record, summary=summary, contents=contents)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from blur2view.errors import Blur2ViewError
 
 if TYPE_CHECKING:
-    from blur2view.results.photograph import Photograph
+    from blur2view.results.record import Record
 
 DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141  # exit codes
 EXIT_CODES = """
@@ -43,7 +43,7 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def verdict_line(name: str, record: "Photograph") -> str:
+def verdict_line(name: str, record: "Record") -> str:
     """Return a photograph's verdict and, where the camera moved, COLMAP's name of the configuration."""
     line = f"{printable(name)}: {record.verdict}"
     return f"{line} [{record.config}]" if record.moved() else line

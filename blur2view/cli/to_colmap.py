@@ -18,7 +18,7 @@ from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -103,7 +103,7 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [(job, outcome.photograph, outcome.views) for job, outcome in run.outcomes if outcome.views]
+        done = [(job, outcome.record, outcome.views) for job, outcome in run.outcomes if outcome.views]
         if run.early_exit_code or not done:
             return run.exit_code
         views = [of_photograph for _, _, of_photograph in done]
@@ -157,7 +157,7 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
     views = views_of(job.name, file.estimate)
     if plan is not None:
         views = keypoint_views(job.name, plan.keypoints, file.estimate, options.estimating.robust())
-    return Outcome(photograph=file.record(), views=views)
+    return Outcome(record=file.record(), views=views)
 
 
 def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
@@ -175,10 +175,10 @@ def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
     return planned
 
 
-def views_record(job: Job, photograph: Photograph, views: ExposureViews) -> dict[str, Any]:
+def views_record(job: Job, record: Record, views: ExposureViews) -> dict[str, Any]:
     """Return the entry of a photograph in the JSON document."""
     geometry, plan, count = views.geometry, job.plan, len(views.matched)
-    record = photograph.plain() | {
+    document = record.to_dict() | {
         "image": str(job.source),
         "views": list(views.names),
         "action": "replaced" if plan is not None and plan.linked else "added",
@@ -188,8 +188,8 @@ def views_record(job: Job, photograph: Photograph, views: ExposureViews) -> dict
         "translation_known": views.translation_known,
     }
     if plan is not None and not count and not (geometry.F is None and geometry.H is None):
-        record["reason"] = "no feature of yours has a smear that can be used"
-    return record
+        document["reason"] = "no feature of yours has a smear that can be used"
+    return document
 
 
 def views_line(record: Mapping[str, Any], *, verbose: bool) -> str:

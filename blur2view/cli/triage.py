@@ -1,4 +1,4 @@
-"""``blur2view triage``: which photographs are sharp or of use; its columns are `results.photograph`'s."""
+"""``blur2view triage``: which photographs are sharp or of use; its columns are `results.record`'s."""
 
 import os
 from collections import Counter
@@ -19,7 +19,7 @@ from blur2view.files import write_file
 from blur2view.images.inputs import Source
 from blur2view.images.video import read_frame
 from blur2view.networks.smear_network import Detail
-from blur2view.results.photograph import Photograph, explanations
+from blur2view.results.record import Record, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
@@ -104,7 +104,7 @@ class TriageOptions(Command):
 
     def _write(self, run: Run) -> None:
         """Write list and pictures, and print the closing line."""
-        kept = self._kept({job: outcome.photograph for job, outcome in run.outcomes if not outcome.error})
+        kept = self._kept({job: outcome.record for job, outcome in run.outcomes if not outcome.error})
         if self.keep is not None:
             text = "".join(f"{job.name}\n" for job in kept)
             write_file(self.keep, text.encode("utf-8", "surrogateescape"), noted=True)
@@ -114,7 +114,7 @@ class TriageOptions(Command):
             extract({source: targets[source] for source in done}, {job.source for job in kept})
         if self.printing.quiet:
             return
-        uses = Counter(str(outcome.photograph.use) for _, outcome in run.outcomes)
+        uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
         said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"
         if said and not kept:
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
@@ -123,12 +123,12 @@ class TriageOptions(Command):
         counts = {COUNTED.get(use, use): uses[use] for use in (*Use, "")}
         run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
-    def _kept(self, read: Mapping[Job, Photograph]) -> list[Job]:
+    def _kept(self, read: Mapping[Job, Record]) -> list[Job]:
         """Return the photographs to keep, in order."""
 
         def width(job: Job) -> tuple[bool, float]:
-            width_px = read[job].width_px  # without texture it comes last
-            return read[job].use != Use.SHARP, inf if width_px is None else width_px
+            blur_px = read[job].blur_px  # without texture it comes last
+            return read[job].use != Use.SHARP, inf if blur_px is None else blur_px
 
         if self.best is not None:
             chosen = set(sorted(read, key=width)[: self.best])
@@ -150,8 +150,8 @@ class TriageOptions(Command):
 def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone."""
     file = estimate_file(options, job, detail=Detail.RANKING)
-    record = file.record().of_use(options.max_smear, options.max_defocus).of_blur_alone()
-    return Outcome(photograph=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
+    record = file.record().with_use(options.max_smear, options.max_defocus).without_geometry()
+    return Outcome(record=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 
 def _listable(job: Job) -> Job:

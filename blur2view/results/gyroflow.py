@@ -13,13 +13,13 @@ from collections.abc import Iterable
 
 from blur2view.errors import OutputError
 from blur2view.files import SIGNED_BY
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 
 TICK_S = 1e-6  # of the column of times
 MAX_NAME = 200  # characters of the video's name, so that the header ends within 500 bytes
 
 
-def gyroflow_log(records: Iterable[Photograph], video: str) -> str:
+def gyroflow_log(records: Iterable[Record], video: str) -> str:
     """Return the text of a ``.gcsv`` file, to be called as the video but for its ending.
 
     It holds what a gyroscope along the camera's axes shows, the negative of the scene's rates, rad/s, of the

@@ -19,7 +19,7 @@ from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.images.pixels import floats_of, photograph_of
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from blur2view.results.verdict import fit_line, percent
 from blur2view.smears.blur_map import BlurLabel, shares_of_labels
 
@@ -50,7 +50,7 @@ PALE = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 20)])
 MENTIONED_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
 
 
-def draw_overlay(image: AnyArray, estimate: Estimate, record: Photograph | None = None) -> Picture:
+def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = None) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
     Inlier smears are coloured by orientation, outliers grey; smears shorter than their standard deviation are
@@ -63,7 +63,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Photograph | None 
     """
     if (shape := estimate.grid.shape) != np.shape(image)[:2]:
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")
-    record = record or Photograph.of(estimate, name="")
+    record = record or Record.from_estimate(estimate, name="")
     lines, smears = line_layer(estimate), smear_layer(estimate)
     fits, key = bool(estimate.geometry.inlier_mask.any()), list[str]()
     if fits:

@@ -15,7 +15,7 @@ from blur2view.arrays import AnyArray
 from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import Picture, line_layer, mask_layer, png, shown, size_of, smear_layer
-from blur2view.results.photograph import Photograph, entries
+from blur2view.results.record import Record, entries
 
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 90)  # a 1280x720 street has 160 kB
 ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
@@ -44,7 +44,7 @@ label { margin-right: 16px; }
 """ + "".join(f"article:has(input.{name}:not(:checked)) img.{name} {{ display: none; }}\n" for name in LAYERS)
 
 
-def section(record: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
+def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
     """Return the HTML of a photograph: its verdict, its picture under layers, its record.
 
     ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` its motion mask, if it was asked for.
@@ -72,7 +72,7 @@ def section(record: Photograph, estimate: Estimate, image: AnyArray, mask: Motio
 <p><a download="{escape(record.name.replace("/", "_"))}.json" href="{json}">JSON of this photograph</a></p>"""
 
 
-def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes:
+def report(photographs: Sequence[tuple[Record, str]], version: str) -> bytes:
     """Return the page, UTF-8, of records with their `section`, which is empty if they failed.
 
     Equal records give equal bytes. A Content-Security-Policy forbids the page to load or run anything.
@@ -106,7 +106,7 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
 
 
-def _facts(record: Photograph) -> Iterable[str]:
+def _facts(record: Record) -> Iterable[str]:
     """Yield a table row for every field beside the picture, with its explanation as title."""
     for name, _, text in entries():
         value = getattr(record, name)

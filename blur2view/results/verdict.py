@@ -10,7 +10,7 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax
 from blur2view.smears.blur import DEFOCUSED_PX, BlurKind
 
 if TYPE_CHECKING:
-    from blur2view.results.photograph import Photograph
+    from blur2view.results.record import Record
 
 STILL = BlurKind.SHARP, BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_AT_REST
 """Kinds of blur of a camera that did not move."""
@@ -36,9 +36,7 @@ class Use(StrEnum):
     UNCLEAR = "unclear"  # too smooth or too dark to show blur
 
 
-def use_of(
-    record: Photograph, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX
-) -> str:
+def use_of(record: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX) -> str:
     """Return the use of a photograph, empty if it failed, given the limits of a sharp one.
 
     The kind of blur decides first: the length of the smear counts only where the camera moved.
@@ -53,7 +51,7 @@ def use_of(
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 
 
-def verdict(record: Photograph) -> str:
+def verdict(record: Record) -> str:
     """Return one sentence: why there is no result, what blurred the photograph, what moved."""
     radius = f"radius {record.defocus_px or 0.0:.1f} px"
     moving = f"{percent(record.moving_share or 0.0)} of the picture moves by itself"
@@ -78,7 +76,7 @@ def verdict(record: Photograph) -> str:
     return f"{line}; {moving}" if record.moving_share else line
 
 
-def fit_line(record: Photograph) -> str:
+def fit_line(record: Record) -> str:
     """Return the number of smears that fit, as a sentence."""
     if not record.has_geometry():
         return f"{record.num_matches or 0} smears used"
@@ -99,7 +97,7 @@ def percent(share: float) -> str:
     return f"{whole} %" if whole or not share else "less than 1 %"
 
 
-def _motion(record: Photograph, by: str) -> str:
+def _motion(record: Record, by: str) -> str:
     """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation."""
     undecided = ", parallax undecided" if record.parallax == Parallax.UNDECIDED else ""
     match record.config:
@@ -127,7 +125,7 @@ def _motion(record: Photograph, by: str) -> str:
     return f"moved{turned}{undecided}"
 
 
-def _turned(record: Photograph) -> str:
+def _turned(record: Record) -> str:
     """Return the direction of a rotation; a camera rolled where smears run in many directions."""
     if record.direction_deg is None:
         return "rolled"
@@ -135,7 +133,7 @@ def _turned(record: Photograph) -> str:
     return f"turned {_way(math.cos(angle), math.sin(angle))}"
 
 
-def _turned_by(record: Photograph) -> str:
+def _turned_by(record: Record) -> str:
     """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
     rates = [record.wx or 0.0, record.wy or 0.0, record.wz or 0.0]
     sigmas = [record.sigma_wx or 0.0, record.sigma_wy or 0.0, record.sigma_wz or 0.0]
@@ -148,7 +146,7 @@ def _turned_by(record: Photograph) -> str:
     return f"{word} {scale * angle:.{digits}f} +/- {scale * sigma:.{digits}f} {unit}"
 
 
-def _towards(record: Photograph) -> str:
+def _towards(record: Record) -> str:
     """Return the direction of a translation with its error, the same for both orders in time."""
     x, y, z = record.cam2_from_cam1["translation"] if record.cam2_from_cam1 else (0.0, 0.0, 0.0)
     if not (x or y or z):

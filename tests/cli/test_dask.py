@@ -16,7 +16,7 @@ from blur2view.cli import executors, jobs
 from blur2view.errors import RunError
 from blur2view.exposure.sequence import NO_FEATURES
 from blur2view.images.inputs import Source
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from tests.cli.test_ended_early import wait_for
 from tests.support.calls import Call, call_program
 from tests.support.many_photographs import contents, environment, start, write_photographs
@@ -117,7 +117,7 @@ def test_whoever_waits_for_workers_that_all_died_is_told(monkeypatch: pytest.Mon
 
     def work(job: jobs.Job) -> jobs.Outcome:
         ended.wait()
-        return jobs.Outcome(photograph=Photograph(name=job.name))
+        return jobs.Outcome(record=Record(name=job.name))
 
     ended = threading.Event()
     monkeypatch.setattr(executors, "ANSWER_S", 0.01)

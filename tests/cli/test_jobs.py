@@ -21,7 +21,7 @@ from blur2view.exposure import sequence
 from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, features_of
 from blur2view.images import inputs
 from blur2view.images.inputs import Source
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from tests.support.calls import Call
 from tests.support.many_photographs import write_video
 
@@ -39,7 +39,7 @@ class CountWork:
             raise ImageError(f"{job.source}: fails")
         if job.content == b"die":
             os._exit(9)
-        return Outcome(photograph=Photograph(name=job.name), summary=f"{os.getpid()} {len(job.content)}")
+        return Outcome(record=Record(name=job.name), summary=f"{os.getpid()} {len(job.content)}")
 
 
 def nothing(source: Source, content: bytes) -> Features:

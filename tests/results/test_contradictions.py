@@ -7,13 +7,13 @@ import pytest
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from blur2view.results.verdict import MAX_SMEAR_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 
 
-def contradictions(one: Photograph) -> list[str]:
+def contradictions(one: Record) -> list[str]:
     """Return the claims, on fields that belong together, that do not hold for a record."""
     proven, limit_px = one.parallax == "proven", max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
     turned = (one.rotation_probability or 0.0) >= (one.plane_probability or 0.0)
@@ -40,7 +40,7 @@ def dimmed(image: AnyArray) -> AnyArray:
 
 def found(image: AnyArray) -> list[str]:
     """Return the contradictions of a photograph."""
-    return contradictions(Photograph.of(blur2view.estimate(image), name="a.jpg"))
+    return contradictions(Record.from_estimate(blur2view.estimate(image), name="a.jpg"))
 
 
 @pytest.mark.slow
@@ -59,7 +59,7 @@ def test_estimate_and_segment_state_one_share_and_a_camera_changes_no_kind(
     estimate = blur2view.estimate(image)
     mask = blur2view.segment(estimate, image)
     assert estimate.blur.moving_share == mask.shares["moving"] > 0.05
-    one, other = (Photograph.of(estimate, name="a.jpg", mask=found) for found in (None, mask))
+    one, other = (Record.from_estimate(estimate, name="a.jpg", mask=found) for found in (None, mask))
     assert one.moving_share == other.moving_share and one.verdict == other.verdict
     camera = blur2view.Camera.from_focal(800, image.shape[1::-1])
     assert blur2view.estimate(image, camera=camera).blur == estimate.blur

@@ -8,7 +8,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.results.gyroflow import gyroflow_log
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 
 
 def parsed(text: str) -> tuple[dict[str, str], Array, Array]:
@@ -34,7 +34,7 @@ def test_gyroflow_turns_the_camera_as_it_turned() -> None:
     records = []
     for time, rate in zip(times.tolist(), seen, strict=True):  # the scene turns the other way
         rates = dict(zip(("wx", "wy", "wz"), (-rate).tolist(), strict=True))
-        records.append(Photograph(name="", timestamp_s=time, exposure_s=0.02, time_known=True, **rates))
+        records.append(Record(name="", timestamp_s=time, exposure_s=0.02, time_known=True, **rates))
     header, seconds, g = parsed(gyroflow_log(records, "hall, 2.mp4"))
     assert header["version"] == "1.3" and header["videofilename"] == "hall, 2.mp4"
     np.testing.assert_allclose(seconds, times, atol=1e-6)

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 
 import blur2view
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from blur2view.results.report import report, section
 
-FAILED = Photograph(name="b.jpg", error="b.jpg: is no <picture>")
-Entry = tuple[Photograph, str]
+FAILED = Record(name="b.jpg", error="b.jpg: is no <picture>")
+Entry = tuple[Record, str]
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def entry(moving: Path, tiny_model: Path) -> Entry:
     labels = np.zeros(image.shape[:2], np.uint8)
     labels[:, : image.shape[1] // 2] = blur2view.MotionLabel.MOVING
     mask = blur2view.MotionMask(labels=labels, probability=labels.astype(np.float32), regions=(), reason="F")
-    one = Photograph.of(estimate, name="folder/<b>photo & more.png")
+    one = Record.from_estimate(estimate, name="folder/<b>photo & more.png")
     return one, section(one, estimate, image, mask)
 
 
@@ -45,7 +45,7 @@ def test_it_says_what_the_record_says(entry: Entry) -> None:
     assert 'id="photo-0"' in page and 'href="#photo-1"' in page
     assert f"<th>num_inliers</th><td>{one.num_inliers}</td>" in page
     link = re.search(r'download="[^"]+" href="data:application/json;base64,([^"]+)"', page)
-    assert link is not None and Photograph.from_json(base64.b64decode(link[1])) == one
+    assert link is not None and Record.from_json(base64.b64decode(link[1])) == one
     assert "3 photographs, 1 failed" in page and "b.jpg: is no &lt;picture&gt;" in page
 
 

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 from blur2view.results.verdict import use_of
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-MOVED = Photograph(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
+MOVED = Record(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
 SMEARS = "; smears of 9.0 px, 1.4 % of the width"
 
 
-def moved(config: str, parallax: str = "absent", **more: Any) -> Photograph:
+def moved(config: str, parallax: str = "absent", **more: Any) -> Record:
     return replace(MOVED, config=config, parallax=parallax, **more)
 
 
-def posed(config: str, translation: list[float], sigma: float = 0.005, **more: Any) -> Photograph:
+def posed(config: str, translation: list[float], sigma: float = 0.005, **more: Any) -> Record:
     pose = {"rotation": np.eye(3).tolist(), "translation": translation}
     rates = {"wx": 0.0, "wy": 0.0837758, "wz": 0.0} | {f"sigma_w{axis}": sigma for axis in "xyz"}
     return moved(config, cam2_from_cam1=pose, pose_covariance={"translation_sigma_deg": 12.0}, **rates | more)
@@ -66,7 +66,7 @@ USES = {
         replace(MOVED, blur="sharp", defocus_px=2.5),
     ],
     "unclear": [replace(MOVED, blur="cannot tell"), replace(MOVED, smear_px=None)],
-    "": [Photograph(name="a.jpg", error="a.jpg: is no picture")],
+    "": [Record(name="a.jpg", error="a.jpg: is no picture")],
 }
 
 
@@ -74,4 +74,4 @@ USES = {
 def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
     for one in USES[use]:
         assert use_of(one) == use
-    assert moved("UNCALIBRATED", F=F).of_use(10.0).use == "sharp"  # 9 px are within that limit
+    assert moved("UNCALIBRATED", F=F).with_use(10.0).use == "sharp"  # 9 px are within that limit

@@ -12,6 +12,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, fields, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.geometry.two_view_geometry import MotionModel
@@ -38,13 +39,21 @@ RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
-def explained(text: str, default: Any = None) -> Any:
-    """Return a field of the record with its explanation, required if ``default`` is `MISSING`."""
-    return field(default=default, metadata={"help": " ".join(text.split())})
+def explained(text: str, default: Any = None, *, geometry: bool = False) -> Any:
+    """Return a field of the record with its explanation, required if ``default`` is `MISSING`.
+
+    ``geometry`` marks what only a close look gives: triage leaves it empty.
+    """
+    return field(default=default, metadata={"help": " ".join(text.split()), "geometry": geometry})
+
+
+def geometric(text: str, default: Any = None) -> Any:
+    """Return a field of the geometry with its explanation."""
+    return explained(text, default, geometry=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Photograph:
+class Record:
     """The record of one photograph; null, or in a table empty, where there is no such value.
 
     Matrices are lists of rows. Points are (x, y) in pixels of the upright photograph with (0, 0) at the
@@ -78,52 +87,52 @@ class Photograph:
 
     K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
     camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")
-    config: str = explained(
+    config: str = geometric(
         """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all geometry is empty
         in triage, which looks less closely.""",
         "",
     )
-    reason: str = explained("One sentence with the figures that decided on the configuration.", "")
-    parallax: str = explained(
+    reason: str = geometric("One sentence with the figures that decided on the configuration.", "")
+    parallax: str = geometric(
         """Whether things at different depths are seen: proven (UNCALIBRATED, CALIBRATED), undecided (F may be
         of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
         "",
     )
-    models: list[Any] | None = explained("Likeliest first: model, parameters, log_likelihood, probability.")
-    independent_smears: float = explained(
+    models: list[Any] | None = geometric("Likeliest first: model, parameters, log_likelihood, probability.")
+    independent_smears: float = geometric(
         "How many independent smears would weigh as much as those used.", 0.0
     )
-    F: Matrix | None = explained(
+    F: Matrix | None = geometric(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
         hold for undistorted pixels."""
     )
-    H: Matrix | None = explained("Homography, points2 ~ H points1; beside F parallax is undecided.")
-    num_matches: int | None = explained("Smears that were used.")
-    num_inliers: int | None = explained(
+    H: Matrix | None = geometric("Homography, points2 ~ H points1; beside F parallax is undecided.")
+    num_matches: int | None = geometric("Smears that were used.")
+    num_inliers: int | None = geometric(
         """Smears that fit: the Sampson distance of their ends, in the better of both orders, is below 1.73 px
         and a tenth of their length, or below two of their own standard deviations."""
     )
-    support_by_chance: float | None = explained("Share that would fit if directions were random.")
-    E: Matrix | None = explained("Essential matrix of known intrinsics.")
-    cam2_from_cam1: dict[str, Any] | None = explained(
+    support_by_chance: float | None = geometric("Share that would fit if directions were random.")
+    E: Matrix | None = geometric("Essential matrix of known intrinsics.")
+    cam2_from_cam1: dict[str, Any] | None = geometric(
         """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
         is zero where neither parallax is proven nor its direction known to 30 degrees; the rotation is then
         the one that explains the smears alone, or the mean over all directions."""
     )
-    pose_covariance: dict[str, Any] | None = explained(
+    pose_covariance: dict[str, Any] | None = geometric(
         """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
         rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
-    wx: float | None = explained(
+    wx: float | None = geometric(
         "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit."
     )
-    wy: float | None = explained("The same about y (down). A gyroscope shows the negative.")
-    wz: float | None = explained("The same about z (forwards). All signs depend on time_known.")
-    sigma_wx: float | None = explained("Standard deviation of wx.")
-    sigma_wy: float | None = explained("Standard deviation of wy.")
-    sigma_wz: float | None = explained("Standard deviation of wz.")
-    backward: dict[str, Any] | None = explained(
+    wy: float | None = geometric("The same about y (down). A gyroscope shows the negative.")
+    wz: float | None = geometric("The same about z (forwards). All signs depend on time_known.")
+    sigma_wx: float | None = geometric("Standard deviation of wx.")
+    sigma_wy: float | None = geometric("Standard deviation of wy.")
+    sigma_wz: float | None = geometric("Standard deviation of wz.")
+    backward: dict[str, Any] | None = geometric(
         """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
         config, parallax; null where no such geometry fits the rows."""
     )
@@ -159,7 +168,7 @@ class Photograph:
         return None if self.smear_px is None or not self.width else 100 * self.smear_px / self.width
 
     @property
-    def width_px(self) -> float | None:
+    def blur_px(self) -> float | None:
         """Width of all blur as the length of a smear, pixels, by which triage ranks photographs."""
         if self.smear_px is None:
             return None
@@ -218,7 +227,9 @@ class Photograph:
         return self.F is not None or self.H is not None
 
     @classmethod
-    def of(cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any) -> Self:
+    def from_estimate(
+        cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any
+    ) -> Self:
         """Return the record of an estimate, of a motion ``mask`` and of other, ``stated`` fields."""
         blur, geometry, camera = estimate.blur, estimate.geometry, estimate.camera
         height, width = estimate.grid.shape
@@ -251,21 +262,20 @@ class Photograph:
             regions = [_part(region, "area_px", "box", "centroid", "probability") for region in mask.regions]
             values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
             values["moving_share"] = mask.shares["moving"]
-        text = json.dumps(values | stated, default=lambda array: array.tolist())
-        return cls(**json.loads(text))
+        return cls(**{name: plain(value) for name, value in (values | stated).items()})
 
-    def of_use(self, *limits_px: float) -> Self:
-        """Return the record with the use of the photograph, given the limits of `verdict.use_of`."""
+    def with_use(self, *limits_px: float) -> Self:
+        """Return the record with the use of the photograph, given limits of a sharp one (`use_of`)."""
         return replace(self, use=use_of(self, *limits_px))
 
-    def of_blur_alone(self) -> Self:
+    def without_geometry(self) -> Self:
         """Return the record without geometry, as triage reads too few smears for it."""
-        names = [entry.name for entry in fields(self)]
-        geometry = names[names.index("config") : names.index("backward") + 1]
-        fresh = Photograph(name=self.name)
-        return replace(self, **{name: getattr(fresh, name) for name in geometry})
+        empty: dict[str, Any] = {
+            entry.name: entry.default for entry in fields(self) if entry.metadata["geometry"]
+        }
+        return replace(self, **empty)
 
-    def plain(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return every field and property as JSON's types; of a photograph that failed, name and error."""
         if self.error:
             return {"name": self.name, "error": self.error}
@@ -273,7 +283,7 @@ class Photograph:
 
     def to_json(self) -> str:
         """Return the record as JSON text; ValueError for NaN and infinity, errors of the program."""
-        return json.dumps(self.plain(), indent=2, allow_nan=False)
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
@@ -285,6 +295,17 @@ class Photograph:
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is no JSON document of a photograph")
         return cls(**{entry.name: stored[entry.name] for entry in fields(cls) if entry.name in stored})
+
+
+def plain(value: Any) -> Any:
+    """Return a value in JSON's types: arrays and tuples as lists, names of an enumeration as strings."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if isinstance(value, StrEnum):
+        return value.value
+    return value.tolist() if hasattr(value, "tolist") else value  # of NumPy
 
 
 def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
@@ -308,9 +329,9 @@ def _part(source: Any, *names: str) -> dict[str, Any] | None:
 
 def entries() -> Iterator[tuple[str, str, str]]:
     """Yield name, type and explanation of every field and property, in the order of JSON."""
-    for entry in fields(Photograph):
+    for entry in fields(Record):
         yield entry.name, str(entry.type), entry.metadata["help"]
-    for name, value in vars(Photograph).items():
+    for name, value in vars(Record).items():
         if isinstance(value, property):
             kind = value.fget.__annotations__.get("return", "float | None")
             yield name, kind, " ".join((value.__doc__ or "").split())
@@ -321,7 +342,7 @@ def explanations(*, flat: bool = False) -> dict[str, str]:
     return {name: text for name, kind, text in entries() if not flat or kind.split()[0] in FLAT}
 
 
-def table_text(rows: Iterable[Photograph]) -> bytes:
+def table_text(rows: Iterable[Record]) -> bytes:
     """Return the records' flat part as CSV (RFC 4180, but lines end in LF) with a header.
 
     Bytes of names that are no UTF-8 stay as they are.

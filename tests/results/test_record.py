@@ -8,35 +8,35 @@ from pathlib import Path
 import pytest
 
 import blur2view
-from blur2view.results.photograph import Photograph, explanations, table_text
+from blur2view.results.record import Record, explanations, table_text
 
 
 @pytest.fixture
-def record(moving: Path, tiny_model: Path) -> Photograph:
+def record(moving: Path, tiny_model: Path) -> Record:
     estimate = blur2view.estimate(moving, network=tiny_model)
-    return Photograph.of(estimate, name="a.jpg", exposure_s=0.04, input_sha256="ab")
+    return Record.from_estimate(estimate, name="a.jpg", exposure_s=0.04, input_sha256="ab")
 
 
-def test_json_holds_the_record_and_what_is_derived_is_computed_anew(record: Photograph) -> None:
-    assert Photograph.from_json(record.to_json()) == record
+def test_json_holds_the_record_and_what_is_derived_is_computed_anew(record: Record) -> None:
+    assert Record.from_json(record.to_json()) == record
     stored = json.loads(record.to_json())
     assert list(stored) == list(explanations()) and stored["verdict"] == record.verdict
     edited = json.dumps(stored | {"verdict": "Sharp", "unknown": 1})
-    assert Photograph.from_json(edited).verdict == record.verdict
+    assert Record.from_json(edited).verdict == record.verdict
     probabilities = [one["probability"] for one in record.models or ()]
     assert probabilities == sorted(probabilities, reverse=True) and record.model_probability is not None
     for text in ("[]", "{}", "not JSON"):
         with pytest.raises(ValueError):
-            Photograph.from_json(text)
+            Record.from_json(text)
 
 
 def test_a_failed_photograph_has_a_name_and_an_error_alone() -> None:
-    one = Photograph(name="b.jpg", error="b.jpg: is no picture")
+    one = Record(name="b.jpg", error="b.jpg: is no picture")
     assert json.loads(one.to_json()) == {"name": "b.jpg", "error": one.error}
-    assert Photograph.from_json(one.to_json()) == one and one.verdict == one.error
+    assert Record.from_json(one.to_json()) == one and one.verdict == one.error
 
 
-def test_a_table_is_the_flat_part_of_the_records(record: Photograph) -> None:
+def test_a_table_is_the_flat_part_of_the_records(record: Record) -> None:
     (row,) = csv.DictReader(io.StringIO(table_text([record]).decode()))
     assert list(row)[:5] == ["name", "error", "use", "verdict", "blur"] and row["name"] == "a.jpg"
     assert set(row) == set(explanations(flat=True)) <= set(explanations())
@@ -46,6 +46,6 @@ def test_a_table_is_the_flat_part_of_the_records(record: Photograph) -> None:
 
 
 def test_width_is_that_of_smear_and_lens_as_a_smear_spreads() -> None:
-    one = Photograph(name="a.jpg", width=600, smear_px=3.0, defocus_px=4 / 3**0.5)
-    assert one.width_px == pytest.approx(5) and one.smear_percent == pytest.approx(0.5)
-    assert Photograph(name="a.jpg").width_px is None
+    one = Record(name="a.jpg", width=600, smear_px=3.0, defocus_px=4 / 3**0.5)
+    assert one.blur_px == pytest.approx(5) and one.smear_percent == pytest.approx(0.5)
+    assert Record(name="a.jpg").blur_px is None
