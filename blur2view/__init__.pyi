@@ -3,13 +3,13 @@
 from blur2view.camera import Camera as Camera
 from blur2view.colmap.contrast import write_stretched as write_stretched
 from blur2view.colmap.database import write_database as write_database
+from blur2view.colmap.frame_sequence import RecoveredFrame as RecoveredFrame
 from blur2view.colmap.mapping import blurred_options as blurred_options
 from blur2view.colmap.mapping import global_options as global_options
 from blur2view.colmap.mapping import mapper_options as mapper_options
 from blur2view.colmap.placement import Placement as Placement
 from blur2view.colmap.placement import place_views as place_views
 from blur2view.colmap.project import camera_of_database as camera_of_database
-from blur2view.colmap.recovery import RecoveredFrame as RecoveredFrame
 from blur2view.colmap.recovery import Recovery as Recovery
 from blur2view.colmap.recovery import recover_frames as recover_frames
 from blur2view.errors import Blur2ViewError as Blur2ViewError

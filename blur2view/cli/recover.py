@@ -7,15 +7,16 @@ from pathlib import Path
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, required
 from blur2view.cli.place import refused_lines
-from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
-from blur2view.errors import DatabaseError, OutputError
+from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
+from blur2view.colmap.models import DATABASE, find_model, ids_of, noted, refuse_other_model, write_model
+from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.files import writable_folder
 
-TRACKS = "tracks.db"
+TRACKS, NOTES = "tracks.db", "recovering.jsonl"
 WRITTEN = """
 DIR: the model with the recovered frames, which observe its points; COLMAP's binary format and project.ini.
     What an earlier call wrote is replaced; a model of another program is not
+Ctrl-C: what is recovered so far is written, and recovering.jsonl, by which the same call goes on
 views: a recovered frame's poses at shutter-open and shutter-close, NAME#open and NAME#close. No file shows
     them: to-transforms reads them, undistorters and loaders of COLMAP's models stumble over them
 """
@@ -53,6 +54,8 @@ class RecoverOptions:
         adjustment); other poses stay""")
     views: bool = flag("""--views: also add both views of each recovered frame (default: if MODEL has views
         of its frames)""")
+    jobs: int | None = option("""--jobs N: processes, of one thread each; any number gives the same bytes
+        (default: one per core)""")
     printing: Printing = Printing()
 
     examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")
@@ -60,41 +63,60 @@ class RecoverOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        with waiting("recovering frames", hidden=self.printing.quiet) as show:
-            # and SciPy with them, which no help needs
-            from blur2view.colmap.blurred_tracks import check_project, track_frames
-            from blur2view.colmap.recovery import recover_frames
-            from blur2view.exposure.sequence import frame_names
+        # and SciPy with them, which no help needs
+        from blur2view.colmap.blurred_tracks import check_project, track_frames
+        from blur2view.colmap.frame_sequence import FrameSequence
+        from blur2view.colmap.recovery import recovery_of
+        from blur2view.colmap.recovery_run import Notes, recover_all
+        from blur2view.exposure.sequence import frame_names
+        from blur2view.networks.model_file import usable_cores
+        from blur2view.networks.smear_network import SmearNetwork
 
-            names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
-            refuse_other_model(self.output)
-            writable_folder(self.output)  # before hours of work
-            if self.tracks is not None:
-                if os.path.lexists(tracks):
-                    raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
-                check_project(self.tracks, names)
-            found = recover_frames(
-                model, self.photographs, names, views=self.views or None, refine=self.refine, show=show
-            )
-            recovered, refused = found.recovered, found.refused
-            if refused and not recovered and self.tracks is None:
-                name, why = next(iter(refused.items()))
-                lacking = plural(len(refused), "frame")
+        names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
+        refuse_other_model(self.output)
+        writable_folder(self.output)
+        if self.tracks is not None:
+            if os.path.lexists(tracks):
+                raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
+            check_project(self.tracks, names)
+        database = self.tracks or noted(model, DATABASE)
+        known = None if database is None else ids_of(database)
+        interrupted, quiet = False, self.printing.quiet
+        with waiting("recovering frames", hidden=quiet) as show:
+            sequence = FrameSequence(model, self.photographs, names, SmearNetwork())
+            notes = Notes(self.output / NOTES, sequence)
+            try:
+                recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
+            except KeyboardInterrupt:
+                if not sequence.recovered:
+                    raise
+                interrupted = True
+            if sequence.refused and not sequence.recovered and self.tracks is None:
+                notes.remove()
+                name, why = next(iter(sequence.refused.items()))
+                lacking = plural(len(sequence.refused), "frame")
                 raise DatabaseError(
                     f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
                 )
-            write_model(found.model, self.output, self.photographs, noted(model, DATABASE))
-        if self.tracks is not None:
-            with waiting("matching blurred patches", hidden=self.printing.quiet) as show:
-                track_frames(found.sequence, self.tracks, tracks, show)
-        if not self.printing.quiet:
-            for line in refused_lines(refused, "recovered", self.printing):
+            found = recovery_of(sequence, known, views=self.views or None, refine=self.refine)
+            write_model(found.model, self.output, self.photographs, database)
+        if self.tracks is not None and not interrupted:
+            with waiting("matching blurred patches", hidden=quiet) as show:
+                track_frames(sequence, self.tracks, tracks, show)
+        if not interrupted:
+            notes.remove()
+        if not quiet:
+            for line in refused_lines(found.refused, "recovered", self.printing):
                 print(line)
-            for name, frame in recovered.items() if self.printing.verbose else ():
+            for name, frame in found.recovered.items() if self.printing.verbose else ():
                 points = plural(len(frame.points), "point")
                 print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
-            more = "and more" if self.tracks is None else f"and more, and {TRACKS}"
-            counts = f"{len(recovered)} recovered, {len(refused)} refused"
+            more = "and more" if self.tracks is None or interrupted else f"and more, and {TRACKS}"
+            counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
             registered = f"of {plural(len(names), 'frame')} {len(found.registered)} registered"
             print(f"{printable(str(self.output))}: {printable(str(model))} {more}: {registered}, {counts}")
-        return 0
+        if interrupted:
+            done = len(found.registered) + len(found.recovered) + len(found.refused)
+            left = plural(len(names) - done, "frame")
+            complain(RunError(f"interrupted; the same call goes on; {left} left"))
+        return INTERRUPTED if interrupted else 0

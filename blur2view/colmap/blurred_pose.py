@@ -219,6 +219,8 @@ def _find_matches(
     found, equations = [], np.zeros((9, 10))
     for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
         index = np.flatnonzero(inside & seen[number])
+        if not len(index):
+            continue
         at = pixels[index]
         there = neighbour.project(world[index]) - resampled(where, np.asarray(at, np.float32)[:, None])[:, 0]
         pictures = [np.ascontiguousarray(picture[..., number]) for picture in blurred]
@@ -231,6 +233,8 @@ def _find_matches(
             best = best[:: 1 + len(best) // KERNEL_PATCHES]
             moves = image_flow(camera, points[index[best]])
             equations += blur_equations(pictures, other, at[best], moved[best], moves)
+    if not found:
+        return None
     index, places, covariance = (np.concatenate(parts) for parts in zip(*found, strict=True))
     if len(np.unique(index)) < MIN_POSE_POINTS:
         return None

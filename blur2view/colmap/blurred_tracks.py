@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera import normalised_points, to_colmap
 from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
+from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.project import check_schema, image_names, open_read_only, read_camera, read_keypoints
-from blur2view.colmap.recovery import FrameSequence
 from blur2view.files import half_written
 
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame

@@ -2,6 +2,8 @@
 
 import os
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera import NO_RAYS
+from blur2view.colmap.project import CAMERA_SENSOR, has_frames, image_names, open_read_only
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import open_regular, read_regular, writable_folder
@@ -28,6 +31,27 @@ PICTURES, DATABASE = "image_path", "database_path"  # keys of project.ini
 MAX_VALUE = 1e30  # of any number in a model (bound)
 MAX_PROJECT_BYTES = 1 << 20  # of project.ini (bound)
 SPARE_BYTES = 1 << 20  # that must be left on a disk that was not full
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatabaseIds:
+    """The ids of a database's images, and of their frames, by the images' names."""
+
+    images: Mapping[str, int]
+    frames: Mapping[str, int]
+
+
+def ids_of(path: Path) -> DatabaseIds:
+    """Return the ids of a database; DatabaseError if it cannot be read."""
+    with open_read_only(path) as database:
+        images = image_names(database)
+        data = {}
+        if has_frames(database):
+            sql = f"SELECT data_id, frame_id FROM frame_data WHERE sensor_type = {CAMERA_SENSOR}"
+            data = dict(database.execute(sql).fetchall())
+    return DatabaseIds(
+        images=images, frames={name: data[number] for name, number in images.items() if number in data}
+    )
 
 
 def read_model(folder: Path) -> Any:
@@ -101,15 +125,23 @@ def observed(model: Any, image: Any) -> dict[int, int]:
 
 
 def add_image(
-    model: Any, name: str, pose: Array, keypoints: Array, beside: Any, wanted_id: int | None = None
+    model: Any, name: str, pose: Array, keypoints: Array, beside: Any, known: DatabaseIds | None = None
 ) -> Any:
-    """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of the image ``beside``."""
+    """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of the image ``beside``.
+
+    It has the ids that a database ``known`` has for this name, or, as its frame, ids that neither has.
+    """
     import pycolmap
 
     camera_id = beside.camera_id
-    number = 1 + max(model.images) if wanted_id is None or wanted_id in model.images else wanted_id
+    known = known or DatabaseIds(images={}, frames={})
+    number, frame_id = known.images.get(name), known.frames.get(name)
+    if number is None or number in model.images:
+        number = 1 + max([*model.images, *known.images.values()])
+    if frame_id is None or frame_id in model.frames:
+        frame_id = 1 + max([*model.frames, *known.frames.values()])
     image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=number)
-    image.frame_id = 1 + max(model.frames)
+    image.frame_id = frame_id
     frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=beside.frame.rig_id)
     frame.add_data_id(image.data_id)
     model.add_frame(frame)

@@ -15,7 +15,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.models import add_image, observed, photographs_of, read_model
+from blur2view.colmap.models import DatabaseIds, add_image, ids_of, observed, photographs_of, read_model
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.sequence import frame_times, split_number
@@ -45,7 +45,6 @@ class _Linked(NamedTuple):
     """A registered photograph and its views, as the database has them."""
 
     photograph: Any  # pycolmap.Image of the model
-    ids: tuple[int, int]  # of the views at open and close
     ends: Array  # (2, N, 2): COLMAP's keypoints of both views
     seen: dict[int, int]  # ids of 3D points by the features that observe them and have both ends
 
@@ -98,10 +97,10 @@ def place_views(
     except np.linalg.LinAlgError:
         remedy = "link them again (blur2view to-colmap --link)"
         raise DatabaseError(f"{database}: the smears of its views fit no motion; {remedy}") from None
-    placed = []
+    placed, numbers = [], ids_of(Path(database))
     for link, changes in zip(linked, ends, strict=True):
         if np.isfinite(changes).all():
-            _add_views(reconstruction, link, changes)
+            _add_views(reconstruction, link, changes, numbers)
             placed.append(link.photograph.name)
         else:
             refused[link.photograph.name] = NO_NEIGHBOUR if used > 0 else NO_EXPOSURE
@@ -137,7 +136,7 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], model: Any, ph
     count, points = min(map(len, ends)), observed(model, photograph)
     matched = map(int, read_matches(opened, ids[photograph.name], first)[:, 0])
     seen = {index: points[index] for index in matched if index < count and index in points}
-    return _Linked(photograph, (first, last), np.stack([keypoints[:count] for keypoints in ends]), seen)
+    return _Linked(photograph, np.stack([keypoints[:count] for keypoints in ends]), seen)
 
 
 def _exposed(model: Any, link: _Linked, time: float) -> ExposedFrame:
@@ -153,14 +152,14 @@ def _exposed(model: Any, link: _Linked, time: float) -> ExposedFrame:
     return ExposedFrame(time=time, rays=rays, displacement=displacement, inverse_depth=1 / depth[good])
 
 
-def _add_views(model: Any, link: _Linked, changes: Array) -> None:
+def _add_views(model: Any, link: _Linked, changes: Array, known: DatabaseIds) -> None:
     """Add both images, by the changes (2, 6) from the photograph's pose, and observations of its points."""
     import pycolmap
 
     pose = link.photograph.cam_from_world().matrix()
-    for end, number, points, change in zip((OPEN, CLOSE), link.ids, link.ends, changes, strict=True):
+    for end, points, change in zip((OPEN, CLOSE), link.ends, changes, strict=True):
         name = link.photograph.name + end
-        image = add_image(model, name, changed(pose, change), points, link.photograph, number)
+        image = add_image(model, name, changed(pose, change), points, link.photograph, known)
         for index, point in link.seen.items():
             pixel = image.project_point(model.points3D[point].xyz)
             if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_REPROJECTION_PX:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pycolmap
 import pytest
 
+from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from tests.support.blurred_plane import BlurredPlane
 from tests.support.calls import call_program
 
@@ -35,6 +36,28 @@ def test_every_frame_is_counted_and_written(
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
     onward = call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json")
     assert onward == 0
+
+
+def test_ctrl_c_writes_what_is_recovered_and_the_same_call_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    BlurredPlane().write(tmp_path / "plane", [0, 1, 2, 5, 6, 7, 8])
+    paths, output = (tmp_path / "plane" / "model", tmp_path / "plane" / "frames"), tmp_path / "all"
+    try_frame = FrameSequence.try_frame
+
+    def interrupted(sequence: FrameSequence, name: str) -> RecoveredFrame | str:
+        if sequence.recovered:
+            raise KeyboardInterrupt
+        return try_frame(sequence, name)
+
+    monkeypatch.setattr(FrameSequence, "try_frame", interrupted)
+    done = call_program(capsys, "recover", *paths, "-o", output, "--jobs", 1)
+    assert done == 130 and "the same call goes on; 1 frame left" in done.line
+    assert pycolmap.Reconstruction(output).num_reg_images() == 8
+    monkeypatch.setattr(FrameSequence, "try_frame", try_frame)
+    done = call_program(capsys, "recover", *paths, "-o", output, "--jobs", 1)
+    assert done == 0 and ": of 9 frames 7 registered, 2 recovered, 0 refused" in done.out
+    assert pycolmap.Reconstruction(output).num_reg_images() == 9 and not [*output.glob("*.jsonl")]
 
 
 def test_database_that_is_there_is_not_replaced_by_tracks(

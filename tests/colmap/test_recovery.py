@@ -12,20 +12,23 @@ import pytest
 from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blurred_pose import BlurredPose
 from blur2view.colmap.blurred_tracks import check_project, track_frames
-from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import (
+from blur2view.colmap.frame_sequence import (
     INDEPENDENT_SHARE,
     NEAR_FRAMES,
     NO_FIT,
-    Recovery,
-    recover_frames,
+    FrameSequence,
+    RecoveredFrame,
     weighted_mean,
 )
-from blur2view.errors import DatabaseError
+from blur2view.colmap.models import photographs_of
+from blur2view.colmap.recovery import Recovery, recover_frames
+from blur2view.colmap.recovery_run import Notes
+from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
 from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
+COLUMNS = 2, 4, 6  # of keypoints: of learned features, without and with affine shape
 REGISTERED = [k for k in range(PLANE.frames) if k not in MISSING]
 
 
@@ -113,7 +116,7 @@ def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: Recover
 def test_large_frames_are_worked_on_smaller(
     folder: Path, network: ExactSmears, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("blur2view.colmap.recovery.WORK_SIDE", 180)
+    monkeypatch.setattr("blur2view.colmap.frame_sequence.WORK_SIDE", 180)
     whole = recover(folder, network)
     found = whole.recovered[PLANE.names[MISSING[0]]]
     assert apart(found.pose, PLANE.pose(MISSING[0]))[0] < 0.3
@@ -147,6 +150,57 @@ def test_same_call_gives_same_bytes(
     assert written[0] == written[1]
 
 
+@pytest.mark.slow
+def test_any_number_of_processes_gives_the_same(
+    folder: Path, recovery: Recovery, network: ExactSmears
+) -> None:
+    paths = folder / "model", folder / "frames"
+    found = recover_frames(*paths, network=network, jobs=2)  # type: ignore[arg-type]
+    assert found.recovered.keys() == recovery.recovered.keys()
+    for name, frame in found.recovered.items():
+        np.testing.assert_array_equal(frame.pose, recovery.recovered[name].pose)
+        np.testing.assert_array_equal(frame.covariance, recovery.recovered[name].covariance)
+
+
+def test_a_killed_call_goes_on_to_the_same_model(
+    folder: Path, recovery: Recovery, network: ExactSmears, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried, try_frame = list[str](), FrameSequence.try_frame
+
+    def noted(sequence: FrameSequence, name: str) -> RecoveredFrame | str:
+        tried.append(name)
+        return try_frame(sequence, name)
+
+    monkeypatch.setattr(FrameSequence, "try_frame", noted)
+    notes, paths = tmp_path / "notes.jsonl", (folder / "model", folder / "frames", PLANE.names)
+    for _ in range(2):
+        found = recover_frames(*paths, views=True, network=network, notes=notes)  # type: ignore[arg-type]
+        notes.write_text(notes.read_text()[:-99])  # within the last line
+    first, second = found.recovered
+    assert tried == [first, second, second]
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+    found.model.write(tmp_path / "first")
+    recovery.model.write(tmp_path / "second")
+    for path in (tmp_path / "first").iterdir():
+        assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes()
+
+
+def test_notes_of_another_call_begin_anew_and_other_files_stay(
+    folder: Path, network: ExactSmears, tmp_path: Path
+) -> None:
+    notes, mine = tmp_path / "notes.jsonl", tmp_path / "mine.jsonl"
+    sequence = FrameSequence(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
+    Notes(notes, sequence).add(PLANE.names[3], "of this call")
+    assert Notes(notes, sequence).results == {PLANE.names[3]: "of this call"}
+    fewer = FrameSequence(folder / "model", folder / "frames", PLANE.names[:-1], network)  # type: ignore[arg-type]
+    assert Notes(notes, fewer).results == {}
+    mine.write_text("mine")
+    with pytest.raises(OutputError, match="was not written by blur2view"):
+        Notes(mine, sequence)
+    assert mine.read_text() == "mine"
+
+
 def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: ExactSmears) -> None:
     refined = recover(folder, network, refine=True).model
     for image in photographs_of(refined).values():
@@ -178,7 +232,7 @@ def test_numbers_that_fit_no_motion_refuse_one_frame(
         monkeypatch.undo()
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("blur2view.colmap.recovery.find_pose", fail_once)
+    monkeypatch.setattr("blur2view.colmap.frame_sequence.find_pose", fail_once)
     found = recover(folder, network)
     assert list(found.refused.values()) == [NO_FIT] and len(found.recovered) == len(MISSING) - 1
 
@@ -207,13 +261,13 @@ def test_frame_that_does_not_fit_is_refused_with_the_reason(
 
 
 def write_project(path: Path, own: AnyArray) -> None:
-    """Write a project whose frames have keypoints, the first of them none."""
+    """Write a project whose frames have keypoints of all kinds, the first of them none."""
     with pycolmap.Database.open(path) as database:
         number = database.write_camera(PLANE.camera)
-        for name in PLANE.names:
+        for k, name in enumerate(PLANE.names):
             image = database.write_image(pycolmap.Image(name=name, camera_id=number))
-            if name != PLANE.names[0]:
-                database.write_keypoints(image, own)
+            if k:
+                database.write_keypoints(image, own[:, : COLUMNS[k % 3]])
 
 
 DAMAGES = {
@@ -228,7 +282,7 @@ DAMAGES = {
 
 @pytest.mark.parametrize("reason", DAMAGES)
 def test_project_that_takes_no_tracks_is_refused_before_any_matching(tmp_path: Path, reason: str) -> None:
-    write_project(tmp_path / "project.db", np.ones((1, 4), np.float32))
+    write_project(tmp_path / "project.db", np.ones((1, 6), np.float32))
     with closing(sqlite3.connect(tmp_path / "project.db")) as opened:
         opened.execute(DAMAGES[reason])
         opened.commit()
@@ -236,12 +290,11 @@ def test_project_that_takes_no_tracks_is_refused_before_any_matching(tmp_path: P
         check_project(tmp_path / "project.db", PLANE.names)
 
 
-@pytest.mark.parametrize("columns", [2, 4, 6])
 def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
-    folder: Path, recovery: Recovery, tmp_path: Path, columns: int
+    folder: Path, recovery: Recovery, tmp_path: Path
 ) -> None:
     project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
-    own = np.array([[10.0, 20.0, 1.5, 0.1, 0.2, 1.4]], np.float32)[:, :columns]
+    own = np.array([[10.0, 20.0, 1.5, 0.1, 0.2, 1.4]], np.float32)
     write_project(project, own)
     before = project.read_bytes()
     track_frames(recovery.sequence, project, tracked)
@@ -250,7 +303,8 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
         numbers = {image.name: image.image_id for image in database.read_all_images()}
         ids = [numbers[name] for name in PLANE.names]
         keypoints = [database.read_keypoints(number) for number in ids]
-        assert all((points[0] == own).all() for points in keypoints[1:])
+        for k in range(1, PLANE.frames):
+            assert (keypoints[k][0] == own[0, : COLUMNS[k % 3]]).all()
         for k in range(1, PLANE.frames):
             geometry = database.read_two_view_geometry(ids[k - 1], ids[k])
             one, other = (

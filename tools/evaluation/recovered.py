@@ -21,7 +21,8 @@ from scipy.stats import chi2
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blur_matching import GAMMA
-from blur2view.colmap.recovery import NEAR_FRAMES, adjust, recover_frames
+from blur2view.colmap.frame_sequence import NEAR_FRAMES
+from blur2view.colmap.recovery import adjust, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork

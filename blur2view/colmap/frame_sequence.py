@@ -1,0 +1,199 @@
+"""Where the frames of a video are that COLMAP's model of the others lacks.
+
+A spline through the poses of the frames before and after predicts where a frame is, and known frames show how
+far off such a spline is. From there blur-matched patches of registered neighbours give the pose
+(`blurred_pose`); both are averaged by their covariances. A frame that contradicts its neighbours, or in which
+too few points are found, is refused with the reason. Measured by ``python -m tools.evaluation.recovered``.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import ceil
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.colmap.blur_matching import linear_light
+from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at
+from blur2view.colmap.models import observed, photographs_of, read_model
+from blur2view.errors import DatabaseError, ImageError
+from blur2view.exposure.sequence import frame_times
+from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
+from blur2view.images.image import read_pixels
+from blur2view.images.pixels import white_of
+from blur2view.networks.smear_network import SmearReader
+
+WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
+PICTURES_KEPT = 16  # pictures in memory
+NEIGHBOURS = 4  # registered frames, the nearest, whose patches are matched
+NEAR_FRAMES = 12  # frame intervals from a frame to those that predict it
+MIN_POINTS = 30  # that are found in a frame
+MIN_FOUND = 0.1  # share of the points in the picture that are found
+MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
+MAX_DEPARTURE = 6.0  # standard deviations of the spline
+MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points are found than
+SURE_FOUND = 0.5  # share of the points in the picture
+# The next four are of 69 rendered frames, runs of 3 of tools.evaluation.recovered with shakes of 10, 30 and
+# 60 px, by likelihood and coverage: 90 % hold at 90 %
+INDEPENDENT_SHARE = 0.01  # share of the matches: a point is found in several neighbours, and patches overlap
+KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur leaves in a pose
+BEND_ERROR = 0.04  # the same, relative to the bend
+MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
+TOO_FEW = "too few points of its neighbours are found in it"
+NO_FIT = "no motion fits what is found in it"
+TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES} frame intervals, by their numbers"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecoveredFrame:
+    """A frame that the model lacked, with its pose."""
+
+    pose: Array  # (3, 4) cam_from_world at mid exposure
+    covariance: Array  # (6, 6) of a small rotation (radians) and translation of points in the camera
+    motion: Array  # (9,) during the exposure, as in `blurred_pose`, in the frames' sense of time
+    points: NDArray[np.int_]  # (M,) ids of the model's points that were found
+    pixels: Array  # (M, 2) where they were found, in the frame's own size
+    residual_px: float  # median distance of the pixels from the points' projections
+
+    def pose_at(self, time: float) -> Array:
+        """Return cam_from_world (3, 4) at a time of the exposure: -1/2 at shutter-open, 1/2 at close."""
+        return pose_at(time, self.pose, self.motion)
+
+
+class FrameSequence:
+    """The frames of a video in order, those that a model has, and those that are ``recovered`` or not."""
+
+    def __init__(self, model: Path, folder: Path, names: Sequence[str], network: SmearReader) -> None:
+        self.source, self.model, self.folder, self.network = model, read_model(model), folder, network
+        self.times = dict(zip(names, frame_times(names), strict=True))
+        registered = photographs_of(self.model)
+        self.images = {name: image for name, image in registered.items() if name in self.times}
+        self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
+        self.recovered = dict[str, RecoveredFrame]()
+        self.refused = dict[str, str]()  # the reason
+        self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
+        if len(self.images) < 2:
+            count = f"has {len(self.images)} of the {len(names)} frames in {folder}"
+            raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
+
+    def rounds(self) -> list[list[str]]:
+        """Return the frames that the model lacks, those next to registered ones first."""
+        missing = [name for name in self.times if name not in self.images]
+        gaps = {name: ceil(min(self._apart(name, known) for known in self.images)) for name in missing}
+        return [[name for name in missing if gaps[name] == gap] for gap in sorted({*gaps.values()})]
+
+    def note(self, name: str, result: "RecoveredFrame | str") -> None:
+        """Note a recovered frame, or why one is refused."""
+        if isinstance(result, str):
+            self.refused[name] = result
+        else:
+            self.recovered[name] = result
+
+    def try_frame(self, name: str) -> "RecoveredFrame | str":
+        """Return a frame with its pose, or why it is refused."""
+        try:
+            return self._recover_one(name)
+        except ImageError as error:
+            return str(error)
+        except (ValueError, ArithmeticError, cv2.error):  # of numbers that fit no motion
+            return NO_FIT
+
+    def near(self, name: str) -> list[str]:
+        """Return the registered frames, the nearest in time first: itself, if it is one."""
+        return sorted(self.images, key=lambda known: (self._apart(name, known), self.times[known]))
+
+    def _apart(self, name: str, other: str) -> float:
+        return abs(self.times[name] - self.times[other])
+
+    def expected(self, name: str) -> Expected | None:
+        """Predict a frame by the path of the others; None where fewer than two are near."""
+        times = np.array([self.times[known] for known in self.poses], float)
+        return CameraPath(times, np.stack(list(self.poses.values())), NEAR_FRAMES).expected(self.times[name])
+
+    def view(self, name: str, pose: Array | None = None) -> View:
+        """Return a frame in the working size at a pose (3, 4), by default its own."""
+        return replace(self._read(name), pose=self.poses[name] if pose is None else pose)
+
+    def _read_frame(self, name: str) -> View:
+        """Read a frame, with the camera of the nearest registered one."""
+        pixels = read_pixels(self.folder / name, as_stored=True)
+        height, width = pixels.shape[:2]
+        camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
+        if (camera.width, camera.height) != (width, height):
+            raise ImageError(
+                f"{self.folder / name}: is of {width}x{height} pixels, its camera of "
+                f"{camera.width}x{camera.height}; name the folder that COLMAP read"
+            )
+        light = linear_light(pixels / np.float32(white_of(pixels)))
+        view = View(image=light, grid=self.network.predict(pixels), camera=camera, pose=np.eye(3, 4))
+        return view.scaled(min(1.0, WORK_SIDE / max(width, height)))
+
+    def _recover_one(self, name: str) -> RecoveredFrame:
+        """Return a frame with its pose; ImageError with the reason if there is none."""
+        expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
+        if expected is None:
+            raise ImageError(TOO_FAR)
+        view = self.view(name, expected.pose)
+        neighbours = [self.view(neighbour) for neighbour in near]
+        seen = [self.points_of(neighbour) for neighbour in near]
+        ids = np.array(sorted(set().union(*seen)))
+        masks = [np.isin(ids, list(points)) for points in seen]
+        found = find_pose(view, neighbours, self.world(ids), masks, expected.motion)
+        if found is None or (reason := refusal(found, expected)):
+            raise ImageError(TOO_FEW if found is None else reason)
+        pose, covariance = weighted_mean(found, expected)
+        scale = view.grid.size[0] / view.camera.width
+        return RecoveredFrame(
+            pose=pose,
+            covariance=covariance,
+            motion=found.motion,
+            points=ids[found.numbers],
+            pixels=(found.pixels + 0.5) * scale - 0.5,
+            residual_px=found.residual_px * scale,
+        )
+
+    def points_of(self, name: str) -> set[int]:
+        """Return the ids of the points that a registered frame sees, or the nearest one to a frame."""
+        return set(observed(self.model, self.images[self.near(name)[0]]).values())
+
+    def world(self, ids: Iterable[int]) -> Array:
+        """Return points (N, 3) by their ids."""
+        return np.array([self.model.points3D[int(number)].xyz for number in ids]).reshape(-1, 3)
+
+
+def refusal(found: BlurredPose, expected: Expected) -> str:
+    """Return why a pose is not believed, empty if it is."""
+    if len(found.numbers) < max(MIN_POINTS, MIN_FOUND * found.tried):
+        return TOO_FEW
+    if found.residual_px > MAX_RESIDUAL_PX:
+        return "its points are not where the pose has them"
+    change = change_of(found.pose, expected.pose)
+    turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
+    moved = float(np.linalg.norm(change[3:])) / expected.position
+    if max(turned, moved) > MAX_DEPARTURE * MEDIAN_OF_THREE:
+        return "its pose is too far off its neighbours' path"
+    smears = found.smear_motion[:3]
+    corrected = float(np.linalg.norm(found.motion[:3] - smears) / (np.linalg.norm(smears) + TINY))
+    unsure = len(found.numbers) < SURE_FOUND * found.tried
+    if unsure and corrected > MAX_CORRECTION and np.linalg.norm(smears) > expected.rotation_rad:
+        return "its smears differ from the blur that its neighbours show"
+    return ""
+
+
+def weighted_mean(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
+    """Return the mean of the poses found and expected, weighted without the bend, and its covariance."""
+    matches = np.asarray(np.linalg.pinv(found.information * INDEPENDENT_SHARE, hermitian=True), float)
+    turned, moved, bent = (np.linalg.norm(part) for part in np.split(found.motion, 3))
+    shares = [np.hypot(KERNEL_ERROR, error * bent / (turned + TINY)) for error in (BEND_ERROR, 0.0)]
+    shared = [np.repeat([np.hypot(share * turned, MIN_ERROR_RAD), share * moved], 3) ** 2 for share in shares]
+    own, even = (matches + np.diag(squared) for squared in shared)
+    if not np.isfinite([expected.rotation_rad, expected.position]).all():
+        return found.pose, own
+    prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)
+    gain = even @ np.linalg.inv(even + prior)
+    pose, kept = changed(found.pose, gain @ change_of(found.pose, expected.pose)), np.eye(6) - gain
+    return pose, kept @ own @ kept.T + gain @ prior @ gain.T
