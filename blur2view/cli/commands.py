@@ -22,14 +22,16 @@ COMMANDS = {
     "segment": "segment what moves by itself from what the camera's motion explains",
     "to-colmap": "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP",
     "place": "put the views of a linked project into COLMAP's model of its frames",
-    "recover": "register the frames of a video that COLMAP's model lacks, as they are too blurred for it",
+    "recover": "register the frames of a video that COLMAP's model lacks because they are too blurred for it",
     "to-transforms": "write a COLMAP model with views as transforms.json, for radiance fields of blurred "
     "photographs",
     "report": "write one HTML page that shows the result of each photograph",
     "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
 }
 DESCRIPTION = (
-    "One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out. "
+    "Use what motion blur tells: choose the sharpest frames of a video, put frames that COLMAP refused back "
+    "into its model, let radiance fields know the blur, measure how fast the camera turned, mask what moves "
+    "by itself, estimate F of a single photograph. "
     "blur2view COMMAND --help explains a command, --help-all all its options and files."
 )
 
@@ -40,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
         try:
-            code: int = parse(sys.argv[1:] if arguments is None else arguments).execute()
+            options: Any = None
+            options = parse(sys.argv[1:] if arguments is None else arguments)
+            code: int = options.execute()
         except SystemExit as end:  # of argparse, after a help or wrong usage
             code = int(end.code or 0)
         if sys.stdout is not None:  # None if the process was started without one
@@ -49,7 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Blur2ViewError as error:
         complain(error)
     except MemoryError:
-        complain(Blur2ViewError("too little memory; free some, or add --jobs 1"))
+        fewer = ", or add --jobs 1" if hasattr(options, "many") else ""
+        complain(Blur2ViewError(f"too little memory; free some{fewer}"))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
@@ -75,10 +80,13 @@ def parse(words: Sequence[str]) -> Any:
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     parser.add_table("commands", COMMANDS)
     parser.add_table("exit codes", EXIT_CODES)
+    if not command:
+        parser.print_help(sys.stdout)
+        parser.exit()
     if command.startswith("-"):
         parser.parse_args(words)
     near = "".join(f"; did you mean {name}?" for name in get_close_matches(command, COMMANDS, 1))
-    parser.error(f"{command} is no command{near}" if command else "name a command")
+    parser.error(f"{command} is not a command{near}")
 
 
 def parser_of(command: str, *, everything: bool = False) -> CommandParser:

@@ -69,6 +69,7 @@ class EstimateOptions(Command):
     kernels: bool = flag("""--kernels: also write the blur kernels of the photograph and of its cells, for
         programs that deconvolve, as DIR/<stem>.kernels.npz""")
 
+    exit_codes = Command.exit_codes | {"0": "done; a photograph without F is a result, with its reason"}
     examples = (
         "blur2view estimate models/sample.jpg -o out",
         "blur2view estimate photographs --recursive -o results --resume",

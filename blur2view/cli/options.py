@@ -30,6 +30,8 @@ from blur2view.images.video import frame_numbers
 from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.estimate import EstimatorOptions
 
+STANDARD_OUTPUT = Path("-")  # of --csv
+
 
 @dataclass(frozen=True, kw_only=True)
 class Printing:
@@ -221,8 +223,9 @@ class Folder:
 class Table:
     """Output."""
 
-    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph; blur2view triage
-        --help-all names its columns""")
+    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph, to standard output,
+        in place of the summaries, if FILE is -; blur2view triage --help-all names its columns. A table of an
+        earlier call is replaced, unless it has changed since""")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,9 +241,21 @@ class Command:
 
     in_time = InTime(sequence=False)  # unless a command has these options
     folder = Folder()  # unless a command has these options
+    exit_codes = {
+        "0": "done",
+        "1": "a photograph failed, with one line on stderr each; others are done all the same",
+        "130": "interrupted by Ctrl-C; files of photographs that are done are kept",
+    }
     as_stored = False  # whether photographs are taken as they are stored, not upright
 
     def __post_init__(self) -> None:
+        if getattr(self, "json", self.folder.json) and self.table.csv == STANDARD_OUTPUT:
+            raise ValueError("--json and --csv - both print to standard output; name a file with --csv")
         if self.many.dask is not None and self.stated_camera.database is not None:
             raise ValueError("the workers of --dask see no database; write its camera out")
         self.in_time.check(self.stated_camera)
+
+    @property
+    def silent(self) -> bool:
+        """Whether no summaries are printed, as asked, or because a document or a table is."""
+        return self.printing.quiet or self.folder.json or self.table.csv == STANDARD_OUTPUT

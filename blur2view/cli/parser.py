@@ -11,6 +11,7 @@ import math
 import re
 import shutil
 import sys
+import textwrap
 from argparse import ArgumentTypeError, BooleanOptionalAction
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, field, fields, is_dataclass
@@ -24,6 +25,9 @@ from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import LONG_S
 
 SHORT = re.compile(r"; |\. |, see below| \(default")  # where the first words of an explanation end
+DEFAULT = re.compile(r"\((default: (?:%\(default\)|[^,;)])+)")
+GROUPS = ("input", "output", "camera", "time", "estimation", "many photographs", "printing")
+"""Titles of groups of options, in the order of the help."""
 MIN_LIKENESS = 0.8  # of an option to the word that was written, to be proposed; difflib's ratio
 MIN_FOCAL_PX = 100.0  # a smaller focal length needs its unit: it may be millimetres
 MESSAGES = {
@@ -146,7 +150,13 @@ class Layout(argparse.HelpFormatter):
         super().__init__(prog, width=min(max(shutil.get_terminal_size().columns, 60), 110) - 2)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        return text if "\n" in text else super()._fill_text(text, width, indent)
+        if "\n" in text:
+            return text
+        lines = self._split_lines(text, width - len(indent))
+        return "\n".join(indent + line for line in lines)
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        return textwrap.wrap(" ".join(text.split()), width, break_on_hyphens=False)  # nor names of options
 
 
 class Parser(argparse.ArgumentParser):
@@ -194,13 +204,14 @@ class CommandParser(Parser):
             words = [*action.option_strings[:1], str(action.metavar)]
             self.usage += " " + " ".join(words) + ("..." if action.nargs == "+" else "")
         if everything:
-            for title, rows in (getattr(kind, "tables", {}) | {"exit codes": EXIT_CODES}).items():
+            codes = EXIT_CODES | getattr(kind, "exit_codes", {})
+            for title, rows in (getattr(kind, "tables", {}) | {"exit codes": codes}).items():
                 self.add_table(title, rows)
 
     def _add(self, kind: Any, title: str, about: str | None = None) -> None:
         """Add the options of a dataclass and of its groups; all their names differ."""
         either = None
-        for entry in sorted(fields(kind), key=lambda entry: is_dataclass(entry.type)):  # own before groups
+        for entry in sorted(fields(kind), key=_place):
             if is_dataclass(entry.type):
                 name, text = words_of(entry.type)
                 self._add(entry.type, name.lower(), text or None)
@@ -213,7 +224,7 @@ class CommandParser(Parser):
                     either = section.add_mutually_exclusive_group()
                 section = either
             action = section.add_argument(*(said["names"] or [entry.name]), **_settings(entry))
-            action.help = said["help"] if self.everything else SHORT.split(said["help"])[0]
+            action.help = said["help"] if self.everything else _short(said["help"])
             action.metavar = said["metavar"]
             if said["rare"] and not self.everything:
                 action.help = argparse.SUPPRESS
@@ -245,7 +256,21 @@ class CommandParser(Parser):
             return
         near += get_close_matches(name, options, 1, MIN_LIKENESS)
         remedy = "".join(f"; did you mean {option}?" for option in near[:1])
-        self.error(f"{name} is no option of {self.command}{remedy}")
+        self.error(f"{name} is not an option of {self.command}{remedy}")
+
+
+def _place(entry: "Field[Any]") -> int:
+    """Return the place of an option or a group in the help: what is a command's own comes first."""
+    if not is_dataclass(entry.type):
+        return 0
+    title = words_of(entry.type)[0].lower()
+    return 1 + (GROUPS.index(title) if title in GROUPS else len(GROUPS))
+
+
+def _short(text: str) -> str:
+    """Return the first words of an explanation, and the default."""
+    default = DEFAULT.search(text)
+    return SHORT.split(text)[0] + (f" ({default[1]})" if default else "")
 
 
 def _settings(entry: Field[Any]) -> dict[str, Any]:

@@ -34,6 +34,9 @@ class ReportOptions(Command):
     mask: bool = option("--no-mask: without the motion mask: faster", True)
     in_time: InTime = InTime()
 
+    exit_codes = Command.exit_codes | {
+        "130": "interrupted by Ctrl-C; the page of the photographs that are done is written"
+    }
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",
         "blur2view report a.jpg --focal 525 --no-mask",
@@ -46,7 +49,7 @@ class ReportOptions(Command):
         if run.done:
             shown = [(outcome.record, outcome.section) for _, outcome in run.outcomes]
             write_file(page, report(shown, __version__))
-            if not self.printing.quiet:
+            if not self.silent:
                 print(f"wrote {printable(str(page))}")
         return run.exit_code
 

@@ -18,7 +18,7 @@ from blur2view import __version__
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
 from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, in_processes, neighbours_of
-from blur2view.cli.options import Command, Estimating
+from blur2view.cli.options import STANDARD_OUTPUT, Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
 from blur2view.exposure.sequence import Features, features_of, in_time
@@ -131,7 +131,7 @@ class Run:
                 with closing(self._results(work)) as results:
                     for job, outcome in results:
                         self.outcomes.append((job, outcome))
-                        self._print(outcome, lines=lines and not self.options.folder.json)
+                        self._print(outcome, lines=lines and not self.options.silent)
                         show(len(self.outcomes), count)
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
@@ -143,15 +143,15 @@ class Run:
             records = [outcome.record.to_dict() for outcome in self.done]
             print(json.dumps({listed: records, "failures": self.failures}, indent=2, allow_nan=False))
         self._write_table()
-        quiet = self.options.printing.quiet or self.options.folder.json
-        if total and not self.early_exit_code and not quiet:
+        if total and not self.early_exit_code and not self.options.silent:
             self._print_total(counted=lines)
 
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""
         network_of(self.options.estimating)
         every = {**targets, "csv": self.options.table.csv}
-        written = {f"--{option}": path for option, path in every.items() if path is not None}
+        named = {option: path for option, path in every.items() if path not in (None, STANDARD_OUTPUT)}
+        written = {f"--{option}": path for option, path in named.items() if path is not None}
         paths = [path for job in self.jobs for path in job.files]
         paths += [] if checked is None else [checked]
         database = self.options.stated_camera.database
@@ -161,6 +161,12 @@ class Run:
                 raise OutputError(f"{target}: two results would be one file; name another with {option}")
             names.add(real)
             check_file(target, used, option=option)
+        folders = {str(folder) for name in names for folder in Path(name).parents}
+        for option, target in written.items():
+            if os.path.realpath(target) in folders:
+                raise OutputError(
+                    f"{target}: is the folder of other results; name another file with {option}"
+                )
         for folder in sorted({path.parent for path in (*paths, *written.values())}):
             writable_folder(folder)
 
@@ -193,7 +199,7 @@ class Run:
         whole = len(self.jobs) == 1 or printing.verbose
         if outcome.error:
             complain(Blur2ViewError(outcome.error))
-        elif lines and not printing.quiet and (whole or not outcome.skipped):
+        elif lines and (whole or not outcome.skipped):
             summary = outcome.summary.split("\n")
             say("\n".join(map(printable, summary if whole else summary[:1])))
 
@@ -211,7 +217,9 @@ class Run:
         """Write the table; one that cannot be written is a line, as all else is of use without it."""
         table = self.options.table.csv
         rows = [outcome.record for job, outcome in self.outcomes if job.refusal is None]
-        if table is not None and rows:
+        if table == STANDARD_OUTPUT and rows:
+            print(table_text(rows).decode("utf-8", "surrogateescape"), end="")
+        elif table is not None and rows:
             try:
                 write_file(table, table_text(rows), noted=True)
                 self.table = table

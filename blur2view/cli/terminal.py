@@ -15,13 +15,14 @@ if TYPE_CHECKING:
     from blur2view.results.record import Record
 
 DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141  # exit codes
-EXIT_CODES = """
-0: done; a photograph without F is a result, with its reason
-1: something failed: one line on stderr each, other photographs are done all the same
-2: wrong usage
-130: interrupted by Ctrl-C; files of photographs that are done are kept
-141: what read the output wants no more of it, as head does; the rest is not done
-"""
+EXIT_CODES = {
+    "0": "done",
+    "1": "failed, with one line on stderr; nothing is written",
+    "2": "wrong usage",
+    "130": "interrupted by Ctrl-C; nothing is written",
+    "141": "the output pipe was closed early, for example by head; the rest is not done",
+}
+"""Those of a command; a command says where it differs, by ``exit_codes``."""
 FIRST_S, REDRAW_S, LINE_S = 0.5, 0.25, 60.0  # until a bar is drawn, and again; until a line, in a file
 SMOOTHING = 0.1  # of the rate, in which photographs that were done before soon count no more
 PARTS = "{desc}: {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"

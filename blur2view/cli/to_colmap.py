@@ -74,6 +74,10 @@ class ToColmapOptions(Command):
         "--no-backup: with --link: do not copy the database to DB.<time>.bak first", True
     )
 
+    exit_codes = Command.exit_codes | {
+        "1": "a photograph failed, with one line on stderr each; views of the others are written",
+        "130": "interrupted by Ctrl-C; nothing is written",
+    }
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
         "blur2view to-colmap --db project.db --link --sequence frames/*.png",
@@ -117,7 +121,7 @@ class ToColmapOptions(Command):
             kept = None if backup is None else str(backup)
             document = {"target": str(db), "backup": kept, "photographs": records}
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
-        elif not self.printing.quiet:
+        elif not self.silent:
             print("\n".join(self._summary(records, backup)))
         return run.exit_code
 

@@ -75,6 +75,10 @@ class TriageOptions(Command):
         MAX_DEFOCUS_PX,
     )
 
+    exit_codes = Command.exit_codes | {
+        "0": "done, whatever the uses are",
+        "130": "interrupted by Ctrl-C; the table of what is done is written, no list and no picture",
+    }
     examples = (
         "blur2view triage clip.mp4 --every-best 6 --extract frames",
         "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
@@ -112,7 +116,7 @@ class TriageOptions(Command):
             targets = extracted(self.extract, run.jobs)
             done = [job.source for job, outcome in run.outcomes if not outcome.error]
             extract({source: targets[source] for source in done}, {job.source for job in kept})
-        if self.printing.quiet:
+        if self.silent:
             return
         uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
         said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"

@@ -26,7 +26,10 @@ def gyroflow_log(records: Iterable[Record], video: str) -> str:
     frames with a known direction of time. OutputError if there are none.
     """
     rates = dict[float, tuple[float | None, ...]]()
-    for frame in records:
+    every = list(records)
+    if every and not any(frame.moved() or frame.wx is not None for frame in every):
+        raise OutputError("no frame is blurred enough for a rate; choose a part of the video that is blurred")
+    for frame in every:
         if frame.time_known and frame.exposure_s and frame.timestamp_s is not None and frame.wx is not None:
             rates[frame.timestamp_s] = frame.wx, frame.wy, frame.wz
     if not rates:

@@ -36,6 +36,13 @@ MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
 COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
 RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
 """What the record holds of `Blur`, `ModelRow`, `PoseCovariance` and `AngularVelocity`."""
+TYPES = {
+    **{kind.__name__: kind for kind in (str, int, bool, list, dict)},
+    "float": int | float,
+    "Matrix": list,
+    "None": type(None),
+}
+"""What JSON holds of a field, by the first word of its type."""
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
@@ -294,7 +301,12 @@ class Record:
         stored = json.loads(text)
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is no JSON document of a photograph")
-        return cls(**{entry.name: stored[entry.name] for entry in fields(cls) if entry.name in stored})
+        known = [entry for entry in fields(cls) if entry.name in stored]
+        for entry in known:
+            kinds = [TYPES[kind.partition("[")[0]] for kind in str(entry.type).split(" | ")]
+            if not isinstance(stored[entry.name], tuple(kinds)):
+                raise ValueError(f"{entry.name} is not a value of {entry.type}")
+        return cls(**{entry.name: stored[entry.name] for entry in known})
 
 
 def plain(value: Any) -> Any:

@@ -1,5 +1,6 @@
 """``blur2view --help``: how fast it is, and that it explains everything."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,7 +64,35 @@ def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.Ca
         assert [key for key in explanations(flat=command == "triage") if key not in words] == []
 
 
-def test_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_short_help_names_only_options_that_it_lists_in_one_piece_with_their_defaults(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "61")
+    whole, text = (call_program(capsys, command, word).out for word in ("--help-all", "--help"))
+    options = set(cli.parser_of(command)._option_string_actions)
+    named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", whole.partition("examples:")[0]))
+    assert {name for name in named if name.endswith("-")} == set()
+    text = text.partition("examples:")[0]
+    others = {"--no-sequence", "--image_path", "--link"}  # of COLMAP, and of to-colmap
+    listed = set(re.findall(r"(?m)^  (?:-\w[^-]*)?(?:-\w, )?(--[\w-]+)", text)) | {"-o", "-v", "-q", "-h"}
+    assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", text)) - others <= listed <= options | {"-o"}
+    assert "see below" not in text and "see --help-all" not in text
+    if command == "triage":
+        assert "(default: 3.0)" in text
+
+
+def test_each_command_has_its_own_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    codes = {}
+    for command in cli.COMMANDS:
+        text = call_program(capsys, command, "--help-all").out
+        codes[command] = text.partition("exit codes:")[2].partition("\n\n")[0]
+    assert "photograph without F" in codes["estimate"] and "photograph without F" not in codes["triage"]
+    assert "photograph" not in codes["place"]
+
+
+def test_overview_names_every_command_and_comes_without_a_word(capsys: pytest.CaptureFixture[str]) -> None:
     text = call_program(capsys, "--help").out
+    assert (bare := call_program(capsys)) == 0 and bare.out == text
     assert all(f"  {command} " in text or f"  {command}\n" in text for command in cli.COMMANDS)
     assert call_program(capsys, "--version").out.startswith("blur2view ")

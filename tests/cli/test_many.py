@@ -42,7 +42,7 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
 def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_path: Path) -> None:
     video, log = write_video(tmp_path / "clip.mp4", 2), tmp_path / "clip.gcsv"
     done = run(video, "--focal", 300, "--gyroflow", log, "--json")
-    assert done == 1 and "no frame has a time, a rate" in done.line
+    assert done == 1 and "no frame is blurred enough for a rate" in done.line
     assert len(done.document["estimates"]) == 2 and not log.exists()
     other = write_video(tmp_path / "other.mp4", 2)
     done = run(video, other, "--focal", 300, "--gyroflow", log, "--json")

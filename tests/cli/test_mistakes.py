@@ -9,9 +9,8 @@ import pytest
 from blur2view.cli import commands as cli
 
 MISTAKES = [
-    ("", "name a command"),
-    ("estimat a.png", "estimat is no command; did you mean estimate?"),
-    ("estimate a.png --fokal 800", "--fokal is no option of estimate; did you mean --focal?"),
+    ("estimat a.png", "estimat is not a command; did you mean estimate?"),
+    ("estimate a.png --fokal 800", "--fokal is not an option of estimate; did you mean --focal?"),
     ("estimate", "name photographs, a folder or a video"),
     ("place project.db model frames", "name -o/--output"),
     ("to-transforms model frames", "frames is too much"),

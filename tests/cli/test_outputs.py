@@ -150,3 +150,22 @@ def test_kernels_lie_beside_the_estimate_and_are_replaced_by_the_next_call(
             assert arrays["whole"].sum() == pytest.approx(1, abs=1e-5)
             assert arrays["blur_kernels"].shape == (*arrays["known"].shape, *arrays["whole"].shape)
     assert run(moving, "--kernels") == 2
+
+
+def test_a_table_on_standard_output_comes_alone(
+    call: Call, moving: Path, still: Path, tmp_path: Path
+) -> None:
+    table = tmp_path / "t.csv"
+    for words in (["triage", "--keep", tmp_path / "k.txt"], ["report", "-o", tmp_path / "a.html"]):
+        assert call(*words, moving, still, "--csv", table) == 0
+        done = call(*words, moving, still, "--csv", "-")
+        assert done == 0 and done.out == table.read_text()
+    assert call("estimate", still, "--csv", "-", "--json") == 2
+
+
+def test_a_table_called_as_the_folder_of_results_is_refused_before_the_work(
+    call: Call, still: Path, here: Path, read: list[str]
+) -> None:
+    done = call("estimate", still, "--csv", "o", "-o", "o")
+    assert done == 1 and "o: is the folder of other results; name another file with --csv" in done.line
+    assert read == [] and not Path("o").exists()

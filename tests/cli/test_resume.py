@@ -31,9 +31,10 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     after = contents(out)
     assert after["000.png"] == before["000.png"] and after["002.smear.npz"] != before["002.smear.npz"]
 
-    changed = json.loads(after["003b.json"]) | {"smear_px": "long"}
-    (out / "003b.json").write_text(json.dumps(changed, indent=2))
-    assert run(folder, "-o", out, "--resume") == 0 and contents(out) == after
+    for damage in ({"smear_px": "long"}, {"wx": "fast"}, {"models": 3}, {"reason": None}):
+        changed = json.loads(after["003b.json"]) | damage
+        (out / "003b.json").write_text(json.dumps(changed, indent=2))
+        assert run(folder, "-o", out, "--resume") == 0 and contents(out) == after
 
     whole = after["004.smear.npz"]
     for cut in (whole[:-9], whole[:-9] + b"otherwise"):
