@@ -113,7 +113,7 @@ def estimate(
     evidence, moving = _seen(photograph_of(image), network, Detail(detail))
     matches, blur = select_matches(evidence.grid, select), evidence.blur
     if blur.kind.of_camera:
-        rng, moved = np.random.default_rng(rng or 0), evidence.surely_moved
+        rng, moved = np.random.default_rng(rng or 0), evidence.grid.kinds is not None
         geometry = estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
         blur = replace(evidence, stood_still=geometry.stood_still).blur
     else:

@@ -21,7 +21,7 @@ from blur2view.images.pixels import brightened, gain_of, rgb_of
 from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
-from blur2view.smears.camera_motion import Movers
+from blur2view.smears.camera_motion import Movers, moved_probability
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, DIRECTIONS, IN_FOCUS_PX, KINDS, SHARP, SMEARED
 
@@ -55,14 +55,13 @@ LUMA, COLOUR, NEAR, BIN = 0.07, 0.025, 0.13, 1.5
 a bin, deviations."""
 ROWS, EDGE_PLACES, EDGE_EPS = 1000, 3, 1e-2
 """Bins weighed at a time, which bounds the memory; radius, places, and epsilon of OpenCV's guided filter."""
-AT_REST, PLAIN_PX = 1.0, 4.0
+AT_REST = 1.0
 """Log-odds added before a camera that stands still, which smears nothing itself (with 2 in its place 10 of 56
-sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named); length of the camera's
-motion that is no evidence for or against it, pixels (it errs in the fewest of half of the photographs)."""
+sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named)."""
 EDGE_HEIGHT, TOP_HEIGHT, THRESHOLD = 0.5, 0.8, 0.5
 """Heights between the median and the highest log-odds of a photograph, of a part's edge and of its top, and
-the probability of its top. `tools.evaluation.segmentation`, by every second photograph, chose these, NEAR
-and PLAIN_PX."""
+the probability of its top. `tools.evaluation.segmentation`, by every second photograph, chose these and
+NEAR."""
 
 SHARPER, SMEARED_SHARE = 0.1, 0.1
 """Before a camera that stands still: by how much the sharpness of a part, 0 to 1, must exceed that of what is
@@ -127,7 +126,7 @@ class Moving:
         """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
         rows, columns = (-(-side * grid.stride // self.place_px) for side in grid.cells.shape[:2])
         cells = at_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
-        return Movers(cells=cells, share=share, camera_moved=self.camera_moved, camera_px=self.camera_px)
+        return Movers(cells=cells, share=share, camera_moved=self.camera_moved)
 
 
 def moving_in(
@@ -158,7 +157,7 @@ def moving_in(
     likely = np.clip((at_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
     motion = camera_field(grid, 1 - (1 - LEFT) * likely, rng)
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
-    camera_moved = float(sigmoid(float(moved) + 2 * np.log(max(camera_px, 0.1) / PLAIN_PX)))
+    camera_moved = moved_probability(grid, float(moved), camera_px)
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
     against = of_places(gradients, colour, grid, motion), of_cells(grid, motion)

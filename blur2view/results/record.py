@@ -31,7 +31,10 @@ FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
-BLUR_KEYS = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
+BLUR_KEYS = (
+    *("camera_moved", "nothing_seen", "smear_px", "smear_sigma_px"),
+    *("direction_deg", "defocus_px", "defocus_sigma_px"),
+)
 MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
 COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
 RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
@@ -79,7 +82,10 @@ class Record:
         focus and moved, cannot tell. Only where the camera moved a geometry is looked for.""",
         "",
     )
-    nothing_seen: str = explained("Why its blur is unknown: too dark, overexposed, one colour.", "")
+    camera_moved: float | None = explained("Probability that the camera moved; null where nothing is seen.")
+    nothing_seen: str = explained(
+        """Why nobody can tell: too dark, overexposed, one colour, smears no longer than their errors.""", ""
+    )
     smear_px: float | None = explained(
         "Length of its smear, pixels: the median, each place weighed by how well it shows blur."
     )

@@ -59,7 +59,8 @@ class Blur:
     defocus_px: float | None = None
     defocus_sigma_px: float | None = None
     moving_share: float = 0.0  # of the picture that moves by itself; 0 unless movers were looked for
-    nothing_seen: str = ""  # why nothing can be seen: too dark, overexposed, one colour
+    camera_moved: float | None = None  # probability that the camera moved; None where nothing is seen
+    nothing_seen: str = ""  # why nobody can tell: too dark, overexposed, one colour, smears within errors
 
     @property
     def reason(self) -> str:

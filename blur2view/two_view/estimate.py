@@ -138,7 +138,8 @@ def estimate_global_shutter(
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
     """Return the degenerate geometry of a photograph whose camera did not move, or that shows no motion."""
     unclear = blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL)
-    reason = f"no motion of the camera: {blur.reason}"
+    known = blur.kind is not BlurKind.CANNOT_TELL
+    reason = f"{'no motion of the camera' if known else 'cannot tell if the camera moved'}: {blur.reason}"
     return no_geometry(matches, reason, stood_still=not unclear, insufficient_data=unclear)
 
 
