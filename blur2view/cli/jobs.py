@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from blur2view.cli.executors import Restarted, Shared, connected, processes, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
@@ -21,10 +21,6 @@ from blur2view.files import file_digest, write_beside
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.results.record import Record
-
-if TYPE_CHECKING:
-    from blur2view.colmap.database import ProjectImage
-    from blur2view.exposure.views import ExposureViews
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
@@ -42,7 +38,7 @@ class Job:
     files: tuple[Path, ...] = ()  # where its results go, in the order of writing, its JSON last
     neighbours: Neighbours = ()
     refusal: Blur2ViewError | None = None  # why it cannot be begun
-    plan: "ProjectImage | None" = None  # its image in a project that its views are added to
+    plan: Any = None  # what its command knows of it beforehand
     content: bytes = b""  # of its file
     matches: Mapping[int, Matches] = field(default_factory=dict)  # with its neighbours, by steps in time
     input_sha256: str = ""  # of its file
@@ -56,8 +52,7 @@ class Outcome:
     record: Record
     summary: str = ""  # what is printed; its first line stands for the photograph where there are many
     contents: Sequence[bytes] = ()  # of the job's files but the last, which is the record
-    section: str = ""  # of the report, HTML
-    views: "ExposureViews | None" = None  # for a database
+    part: Any = None  # of what its command makes of all photographs
     skipped: bool = False  # whether an earlier call did it
 
     @property

@@ -47,7 +47,7 @@ class ReportOptions(Command):
         run, page = Run(self), self.output
         run.do(entry_one, output=page)
         if run.done:
-            shown = [(outcome.record, outcome.section) for _, outcome in run.outcomes]
+            shown = [(outcome.record, outcome.part) for _, outcome in run.outcomes]
             write_file(page, report(shown, __version__))
             if not self.silent:
                 print(f"wrote {printable(str(page))}")
@@ -65,4 +65,4 @@ def entry_one(options: ReportOptions, job: Job) -> Outcome:
     if options.printing.verbose:
         summary += f"\n  {record.reason}"
     shown = section(record, file.estimate, file.image, mask)
-    return Outcome(record=record, summary=summary, section=shown)
+    return Outcome(record=record, summary=summary, part=shown)

@@ -107,7 +107,7 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [(job, outcome.record, outcome.views) for job, outcome in run.outcomes if outcome.views]
+        done = [(job, outcome.record, outcome.part) for job, outcome in run.outcomes if outcome.part]
         if run.early_exit_code or not done:
             return run.exit_code
         views = [of_photograph for _, _, of_photograph in done]
@@ -161,7 +161,7 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
     views = views_of(job.name, file.estimate)
     if plan is not None:
         views = keypoint_views(job.name, plan.keypoints, file.estimate, options.estimating.robust())
-    return Outcome(record=file.record(), views=views)
+    return Outcome(record=file.record(), part=views)
 
 
 def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:

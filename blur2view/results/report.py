@@ -1,12 +1,14 @@
 """The report: one HTML file that holds everything, loads nothing and runs nothing.
 
 A photograph is a section of the page: its picture under layers, which checkboxes show and hide, and what its
-record says. Failed ones have a line of the index with their reason.
+record says. An index with small pictures is ordered by name, smear or verdict, which needs no script. Failed
+ones have a line of the index with their reason.
 """
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,10 +16,11 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
-from blur2view.results.overlay import Picture, line_layer, mask_layer, png, shown, size_of, smear_layer
+from blur2view.results.overlay import Picture, line_layer, mask_layer, shown, size_of, smear_layer
 from blur2view.results.record import Record, entries
 
-JPEG = (cv2.IMWRITE_JPEG_QUALITY, 90)  # a 1280x720 street has 160 kB
+SIDE_PX, THUMBNAIL_PX = 960, 96  # bounds of the longer side of pictures; the page shows them as large
+QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP: photographs of 960 pixels have some 15 kB
 ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
 LAYERS = {
     "smears": ("smears", "Smears: coloured by direction those that fit the geometry, grey others."),
@@ -33,19 +36,34 @@ th, small { font-weight: normal; color: GrayText; }
 th { white-space: nowrap; }
 td:first-child { min-width: 14em; }
 td { white-space: pre-line; font-variant-numeric: tabular-nums; }
-article { margin-top: 40px; border-top: 2px solid; }
+article { margin-top: 40px; border-top: 2px solid; content-visibility: auto; contain-intrinsic-size: 1400px; }
+ol { display: flex; flex-direction: column; padding: 0; }
+li { display: flex; gap: 14px; align-items: center; order: var(--name); margin: 2px 0; }
+li span { flex: 0 0 96px; }
+li img { width: auto; max-width: 96px; max-height: 72px; }
+li a { flex: 0 1 22em; overflow-wrap: anywhere; }
+li b { font-weight: normal; flex: 1; }
+body:has(input.smear:checked) li { order: var(--smear); }
+body:has(input.verdict:checked) li { order: var(--verdict); }
 article table { font-size: 13px; }
 h2 { font-size: 15px; font-weight: normal; margin: 8px 0 0; overflow-wrap: anywhere; }
 h3 { font-size: 21px; font-weight: normal; margin: 0 0 8px; }
-figure { position: relative; margin: 8px 0; }
-img { display: block; width: 100%; }
+figure { position: relative; margin: 8px 0; max-width: 960px; }
+img { display: block; width: 100%; height: auto; }
 img + img { position: absolute; top: 0; height: 100%; }
 label { margin-right: 16px; }
 """ + "".join(f"article:has(input.{name}:not(:checked)) img.{name} {{ display: none; }}\n" for name in LAYERS)
 
 
-def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
-    """Return the HTML of a photograph: its verdict, its picture under layers, its record.
+class Section(NamedTuple):
+    """The part of the page that shows one photograph, and its picture in the index, both HTML."""
+
+    html: str
+    thumbnail: str
+
+
+def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> Section:
+    """Return the part of a photograph: its verdict, its picture under layers, its record.
 
     ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` its motion mask, if it was asked for.
     """
@@ -59,21 +77,24 @@ def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMas
         checked = " checked" if name == "smears" else ""
         boxes += f'<label><input type="checkbox" class="{name}"{checked}> {title}</label>'
         words += f" {text}"
-        uri = _uri("image/png", png(_straight(layer)))
+        uri = _webp(_straight(_reduced(layer, SIDE_PX)), LAYER_QUALITY)
         pictures = f'<img class="{name}" src="{uri}" alt="{title}">{pictures}'  # the first lies on top
-    jpeg = cv2.imencode(".jpg", shown(image)[..., ::-1], JPEG)[1].tobytes()
+    photograph = _reduced(shown(image), SIDE_PX)
+    height, width = photograph.shape[:2]
+    uri = _webp(photograph, QUALITY)
     json = _uri("application/json", record.to_json().encode("utf-8", "surrogateescape"))
-    return f"""<h2>{escape(record.name)}, {record.width} x {record.height} pixels</h2>
+    html = f"""<h2>{escape(record.name)}, {record.width} x {record.height} pixels</h2>
 <h3>{escape(record.verdict)}</h3>
 {boxes}
-<figure><img src="{_uri("image/jpeg", jpeg)}" alt="{escape(record.name)}">{pictures}</figure>
+<figure><img src="{uri}" alt="{escape(record.name)}" width="{width}" height="{height}">{pictures}</figure>
 <small>{words}</small>
 <table>{"".join(_facts(record))}</table>
 <p><a download="{escape(record.name.replace("/", "_"))}.json" href="{json}">JSON of this photograph</a></p>"""
+    return Section(html, _webp(_reduced(photograph, THUMBNAIL_PX), QUALITY))
 
 
-def report(photographs: Sequence[tuple[Record, str]], version: str) -> bytes:
-    """Return the page, UTF-8, of records with their `section`, which is empty if they failed.
+def report(photographs: Sequence[tuple[Record, Section | None]], version: str) -> bytes:
+    """Return the page, UTF-8, of records with their `section`, None of those that failed.
 
     Equal records give equal bytes. A Content-Security-Policy forbids the page to load or run anything.
     """
@@ -81,11 +102,17 @@ def report(photographs: Sequence[tuple[Record, str]], version: str) -> bytes:
     counts = "1 photograph" if count == 1 else f"{count} photographs"
     if failed:
         counts += f", {failed} failed"
-    rows, articles = "", ""
-    for k, (record, text) in enumerate(photographs):
-        link = f'<a href="#photo-{k}">{escape(record.name)}</a>' if text else escape(record.name)
-        rows += f"<tr><td>{link}</td><td>{escape(record.verdict)}</td></tr>"
-        articles += f'<article id="photo-{k}">\n{text}\n</article>' if text else ""
+    places, rows, articles = _places([record for record, _ in photographs]), "", ""
+    for k, (record, part) in enumerate(photographs):
+        style = ";".join(f"--{order}:{place[k]}" for order, place in places.items())
+        link = f'<a href="#photo-{k}">{escape(record.name)}</a>' if part else escape(record.name)
+        small = f'<img src="{part.thumbnail}" alt="">' if part else ""
+        rows += f'<li style="{style}"><span>{small}</span>{link}<b>{escape(record.verdict)}</b></li>\n'
+        articles += f'<article id="photo-{k}">\n{part.html}\n</article>' if part else ""
+    orders = ""
+    for order in places if count > 1 else ():
+        checked = " checked" if order == "name" else ""
+        orders += f'<label><input type="radio" name="order" class="{order}"{checked}> {order}</label>'
     policy = (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
     )
@@ -99,11 +126,27 @@ def report(photographs: Sequence[tuple[Record, str]], version: str) -> bytes:
 <link rel="icon" href="data:,">
 <style>{STYLE}</style>
 <p><b>blur2view</b> report: {counts}</p>
-<table>{rows}</table>
+<p>{f"in the order of {orders}" if orders else ""}</p>
+<ol>{rows}</ol>
 {articles}
 </html>
 """
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
+
+
+def _places(records: Sequence[Record]) -> dict[str, list[int]]:
+    """Return the place of each photograph in the orders of the index; those that failed come last."""
+    keys: dict[str, Callable[[Record], tuple[Any, ...]]] = {
+        "name": lambda record: (),  # as they were named
+        "smear": lambda record: (-(record.smear_px or 0.0),),
+        "verdict": lambda record: (record.verdict,),
+    }
+    places = {order: [0] * len(records) for order in keys}
+    for order, key in keys.items():
+        numbers = sorted(range(len(records)), key=lambda k: (bool(records[k].error), key(records[k])))
+        for place, k in enumerate(numbers):
+            places[order][k] = place
+    return places
 
 
 def _facts(record: Record) -> Iterable[str]:
@@ -134,6 +177,23 @@ def _straight(layer: Picture) -> Picture:
     """Return a layer as PNG stores it: its colours not multiplied by its opacity."""
     colours = layer[..., :3] * np.float32(255) / np.maximum(layer[..., 3:], 1)
     return np.dstack([np.minimum(colours, 255).round().astype(np.uint8), layer[..., 3]])
+
+
+def _reduced(picture: Picture, side: int) -> Picture:
+    """Return a picture that is no longer than this."""
+    scale = side / max(picture.shape)
+    if scale >= 1:
+        return picture
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _webp(picture: Picture, quality: int) -> str:
+    """Return a picture, RGB or RGBA, as WebP in a data URI, a layer without loss where that is smaller."""
+    order = [2, 1, 0, 3][: picture.shape[2]]
+    pixels = np.ascontiguousarray(picture[..., order])
+    ways = (quality, LOSSLESS) if len(order) == 4 else (quality,)
+    encoded = (cv2.imencode(".webp", pixels, (cv2.IMWRITE_WEBP_QUALITY, way))[1] for way in ways)
+    return _uri("image/webp", min((one.tobytes() for one in encoded), key=len))
 
 
 def _uri(kind: str, content: bytes) -> str:

@@ -12,10 +12,10 @@ from PIL import Image
 
 import blur2view
 from blur2view.results.record import Record
-from blur2view.results.report import report, section
+from blur2view.results.report import SIDE_PX, Section, report, section
 
 FAILED = Record(name="b.jpg", error="b.jpg: is no <picture>")
-Entry = tuple[Record, str]
+Entry = tuple[Record, Section | None]
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_the_page_loads_and_runs_nothing_and_names_are_text(entry: Entry) -> Non
 
 
 def test_it_says_what_the_record_says(entry: Entry) -> None:
-    one, page = entry[0], report([entry, entry, (FAILED, "")], "1.2").decode()
+    one, page = entry[0], report([entry, entry, (FAILED, None)], "1.2").decode()
     assert page.count(f">{one.verdict}<") == 4  # in the index and above the picture
     assert 'id="photo-0"' in page and 'href="#photo-1"' in page
     assert f"<th>num_inliers</th><td>{one.num_inliers}</td>" in page
@@ -51,13 +51,35 @@ def test_it_says_what_the_record_says(entry: Entry) -> None:
 
 def test_layers_are_pictures_of_one_size_that_checkboxes_show_and_words_explain(entry: Entry) -> None:
     page = report([entry], "1.2").decode()
-    layers = re.findall(r'<img class="(\w+)" src="data:image/png;base64,([^"]+)"', page)
+    layers = re.findall(r'<img class="(\w+)" src="data:image/webp;base64,([^"]+)"', page)
     assert [name for name, _ in layers] == ["errors", "moves", "lines", "smears"]
     pictures = [np.asarray(Image.open(io.BytesIO(base64.b64decode(content)))) for _, content in layers]
     assert len({one.shape for one in pictures}) == 1
     opacity = {name: one[..., 3] for (name, _), one in zip(layers, pictures, strict=True)}
-    assert opacity["moves"][9, 9] and not opacity["moves"][9, -9] and (opacity["errors"] > 0).all()
+    assert opacity["moves"][9, 9] > 0 and not opacity["moves"][9, -9] and (opacity["errors"] > 0).all()
     for name in opacity:
         assert f'type="checkbox" class="{name}"' in page and f"input.{name}:not(:checked)" in page
     for words in ("Smears: coloured", "White lines", "Pink moves", "Uncertainty: "):
         assert words in page
+
+
+def test_the_index_has_thumbnails_and_is_ordered_by_name_smear_or_verdict_without_a_script() -> None:
+    smears = (3.0, None, 9.0)
+    records = [Record(name=f"{k}.jpg", blur="sharp", smear_px=smear) for k, smear in enumerate(smears)]
+    part = Section("<h3>the part</h3>", "data:image/webp;base64,AAAA")
+    page = report([*((one, part) for one in records[:2]), (FAILED, None), (records[2], part)], "1").decode()
+    orders = re.findall(r"<li style=.--name:(\d);--smear:(\d);--verdict:(\d)", page)
+    assert [tuple(map(int, order)) for order in orders] == [(0, 1, 0), (1, 2, 1), (3, 3, 3), (2, 0, 2)]
+    assert page.count('<img src="data:image/webp;base64,AAAA" alt="">') == 3
+    for order in ("smear", "verdict"):
+        assert f'type="radio" name="order" class="{order}"' in page
+        assert f"body:has(input.{order}:checked) li {{ order: var(--{order}); }}" in page
+
+
+def test_pictures_of_a_large_photograph_are_of_the_size_that_is_shown(tiny_model: Path) -> None:
+    image = np.random.default_rng(0).random((1500, 2000, 3), np.float32)
+    estimate = blur2view.estimate(image, network=tiny_model)
+    part = section(Record.from_estimate(estimate, name="a.jpg"), estimate, image)
+    uris = re.findall(r'src="data:image/webp;base64,([^"]+)"', part.html)
+    sizes = {Image.open(io.BytesIO(base64.b64decode(uri))).size for uri in uris}
+    assert sizes == {(SIDE_PX, SIDE_PX * 3 // 4)} and len(uris) > 1
