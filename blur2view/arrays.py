@@ -13,6 +13,11 @@ AnyArray = NDArray[Any]
 TINY = 1e-30
 
 
+def white_of(image: AnyArray) -> int:
+    """Return the value of white in a picture of integers, or of floats in [0, 1]."""
+    return int(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1
+
+
 def require(name: str, value: object, kind: type, remedy: str) -> None:
     """Raise ValueError, with a remedy, unless the argument of this name is an instance of a class."""
     if not isinstance(value, kind):

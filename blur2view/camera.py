@@ -6,18 +6,15 @@ pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_g
 
 from __future__ import annotations
 
-import os
-import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from PIL import ExifTags
+from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import CameraError
-from blur2view.files import open_picture, read_regular
 
 HALF_PIXEL = 0.5
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
@@ -31,7 +28,6 @@ DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF (bound): rounded millimetres, cropped pictures
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
-PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # a PNG with EXIF has one of them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,27 +262,20 @@ class ExifValues:
         return replace(camera, log_focal_sigma=log_focal_sigma)
 
 
-def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
-    """Return focal length, exposure time and orientation, as far as the EXIF of a photograph states them.
+def exif_of(photo: Image.Image) -> ExifValues:
+    """Return focal length, exposure time and direction of rows, as far as a picture's EXIF states them.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
-    FocalPlaneXResolution, scaled if the picture was resized since (CIPA DC-008, EXIF 2.32). ``content`` are
-    the bytes of the file, where they have been read already.
+    FocalPlaneXResolution, scaled if the picture was resized since (CIPA DC-008, EXIF 2.32).
     """
     try:
-        content = read_regular(path) if content is None else content
-        with warnings.catch_warnings(), open_picture(content) as photo:
-            warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
-            if photo.format == "PNG" and not any(mark in content for mark in PNG_MARKS):
-                return ExifValues()  # Pillow would decode the picture to look for EXIF behind it
-            size = photo.size
-            exif = photo.getexif()
-            tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
-            # pillow_heif turns pictures upright and keeps what the tag said
-            orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
+        exif = photo.getexif()
+        tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
+        # pillow_heif turns pictures upright and keeps what the tag said
+        orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
         return ExifValues()
-    focal_px, focal_tags = _focal(tags, size)
+    focal_px, focal_tags = _focal(tags, photo.size)
     return ExifValues(
         focal_px=focal_px,
         focal_tags=focal_tags,

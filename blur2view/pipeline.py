@@ -2,17 +2,16 @@
 
 import os
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from blur2view.arrays import AnyArray, require
-from blur2view.camera import Camera, read_exif
+from blur2view.camera import Camera
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
-from blur2view.images.image import read_content, read_pixels
+from blur2view.images.image import read_picture
 from blur2view.images.pixels import photograph_of
 from blur2view.movers.mask import MotionMask, mask_of
 from blur2view.movers.moving import THRESHOLD, Moving, moving_in
@@ -104,9 +103,8 @@ def estimate(
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)
     if isinstance(image, str | os.PathLike):
-        content = read_content(path := Path(image))
-        image = read_pixels(path, content=content)
-        camera = camera or read_exif(path, content).camera(image.shape[1::-1])
+        picture = read_picture(image)
+        image, camera = picture.pixels, camera or picture.exif.camera(picture.size)
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
     require("network", network, SmearReader, "with predict, model_id and execution, or a path")

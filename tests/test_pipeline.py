@@ -1,5 +1,6 @@
 """Estimates in Python: what counts as a photograph and as a camera, rates, threads."""
 
+import builtins
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from blur2view.pipeline import Estimate, estimate
 from blur2view.results.record import Record
 from blur2view.smears.matches import select_matches
 from blur2view.two_view.estimate import estimate_two_view
+from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
@@ -80,6 +82,30 @@ def test_photograph_may_be_a_path_a_picture_of_pillow_grey_or_transparent(
     np.testing.assert_array_equal(rgb_of(Image.fromarray(deep)), rgb_of(deep))
     with pytest.raises(ImageError, match="no such file"):
         estimate("absent.jpg", network=network)
+
+
+@pytest.mark.parametrize("program", [False, True], ids=["estimate", "blur2view estimate"])
+def test_photograph_is_read_from_disk_once_and_opened_by_pillow_once(
+    program: bool, network: SmearNetwork, call: Call, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, opened = list[object](), list[object]()
+    real_open, open_by_pillow = builtins.open, Image.open
+
+    def noted(file: Any, *rest: Any, **options: Any) -> Any:
+        read.extend([file] if str(file) == str(moving) else [])
+        return real_open(file, *rest, **options)
+
+    def noted_by_pillow(*rest: Any, **options: Any) -> Any:
+        opened.append(rest[0])
+        return open_by_pillow(*rest, **options)
+
+    monkeypatch.setattr(builtins, "open", noted)
+    monkeypatch.setattr(Image, "open", noted_by_pillow)
+    if program:
+        assert call("estimate", moving) == 0
+    else:
+        estimate(moving, network=network)
+    assert len(read) == len(opened) == 1
 
 
 def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwork) -> None:

@@ -235,7 +235,7 @@ def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | Non
         try:
             job = _identified(job)
             outcome = find(job)
-            yield (_read(job), None) if outcome is None else (job, outcome)
+            yield (_read(job), None) if outcome is None else (replace(job, content=b""), outcome)
         except Blur2ViewError as error:
             if isinstance(error, EndOfVideo):
                 if error.whole or job.source.path in cut:
@@ -245,13 +245,19 @@ def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | Non
 
 
 def _identified(job: Job) -> Job:
-    """Return a job with the digests of its file and all else that its result depends on; or its refusal."""
+    """Return a job with the digests of its file and all else that its result depends on; or its refusal.
+
+    A photograph without neighbours is read here, once.
+    """
     if job.refusal is not None:
         raise job.refusal
+    alone = job.source.frame is None and not job.neighbours
+    content = job.source.read() if alone else b""
+    own = hashlib.sha256(content).hexdigest() if alone else _digest_of(job.source.path)
     near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.options_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
-    return replace(job, input_sha256=_digest_of(job.source.path), options_sha256=digest)
+    return replace(job, input_sha256=own, options_sha256=digest, content=content)
 
 
 def _digest_of(path: Path) -> str:
@@ -272,6 +278,8 @@ def _read(job: Job) -> Job:
 
     A video is read in order: of neighbours what is before comes first, and the last few stay in memory.
     """
+    if job.content:
+        return job
     if not job.neighbours:
         content, time_s = _content.__wrapped__(job.source)
         return replace(job, source=replace(job.source, time_s=time_s), content=content)

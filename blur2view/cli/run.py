@@ -16,7 +16,7 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.arrays import AnyArray
-from blur2view.camera import Camera, ExifValues, read_exif
+from blur2view.camera import Camera, ExifValues
 from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import STANDARD_OUTPUT, Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
@@ -24,7 +24,7 @@ from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputErro
 from blur2view.exposure.sequence import Features, features_of, in_time
 from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.images.image import read_image, read_pixels
+from blur2view.images.image import Picture, read_image, read_picture
 from blur2view.images.inputs import Source, timestamp_of
 from blur2view.images.video import rows_towards
 from blur2view.movers.mask import MotionMask
@@ -280,11 +280,16 @@ def network_of(estimating: Estimating) -> SmearNetwork:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatedFile:
-    """The estimate of a photograph's file, its pixels, and what options and file add to its record."""
+    """The estimate of a photograph's file, its picture, and what options and file add to its record."""
 
     estimate: Estimate
-    image: AnyArray  # (H, W, 3) from `read_pixels`, upright unless wanted as stored
+    picture: Picture  # upright unless wanted as stored
     stated: Mapping[str, Any]
+
+    @property
+    def image(self) -> AnyArray:
+        """The picture's pixels (H, W, 3)."""
+        return self.picture.pixels
 
     def record(self, mask: MotionMask | None = None, threshold: float | None = None) -> Record:
         """Return the record of the photograph, and of what moves in it, if that was asked, by a threshold."""
@@ -301,16 +306,16 @@ def estimate_file(
     default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
-    image = read_pixels(path, as_stored=options.as_stored, content=job.content)
-    exif = read_exif(path, job.content)
+    picture = read_picture(path, as_stored=options.as_stored, content=job.content)
+    exif = picture.exif
     exposure_s = options.in_time.exposure or exif.exposure_s
     found = estimate(
-        image,
+        picture.pixels,
         network=network_of(estimating),
         select=estimating.select(),
         options=estimating.robust(),
         rng=np.random.default_rng(estimating.seed),
-        camera=(camera_of or options.stated_camera.camera_of)(path, image.shape[1::-1], exif),
+        camera=(camera_of or options.stated_camera.camera_of)(path, picture.size, exif),
         shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
         detail=detail,
     )
@@ -328,7 +333,7 @@ def estimate_file(
     }
     if job.neighbours:
         found = in_time(found, job.matches)
-    return EstimatedFile(estimate=found, image=image, stated=stated)
+    return EstimatedFile(estimate=found, picture=picture, stated=stated)
 
 
 def _shutter(

@@ -1,6 +1,5 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +12,8 @@ from blur2view.cli.options import Command, Folder
 from blur2view.cli.parser import flag, one_of, option, probability
 from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
 from blur2view.cli.terminal import printable
-from blur2view.movers.mask import GREY, MaskFormat, as_stored
+from blur2view.images.pixels import stored_from_upright
+from blur2view.movers.mask import GREY, MaskFormat
 from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
 from blur2view.results.overlay import draw_blur_map, draw_motion, mask_verdict, png
@@ -99,7 +99,9 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     record = file.record(mask, options.threshold)
     contents = []
     if job.files:
-        stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
+        stored = stored_from_upright(
+            mask.labels, file.picture.orientation
+        )  # programs turn nothing by its EXIF
         masks = [program.picture(stored) for program in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         blurs: list[AnyArray] = []

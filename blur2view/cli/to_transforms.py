@@ -18,8 +18,9 @@ from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refus
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import OutputError
 from blur2view.files import check_file, open_picture, open_regular, writable_folder, write_beside
-from blur2view.images.image import RAW_SUFFIXES
-from blur2view.movers.mask import DAMAGED, MaskFormat, as_stored, stored_labels
+from blur2view.images.image import RAW_SUFFIXES, read_orientation
+from blur2view.images.pixels import stored_from_upright
+from blur2view.movers.mask import DAMAGED, MaskFormat, stored_labels
 from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
@@ -204,7 +205,7 @@ def _mask(
     if not masks:
         remedy = "make it with blur2view segment and name its folder, that of -o"
         raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
-    labels = as_stored(stored_labels(masks[0]), photograph)
+    labels = stored_from_upright(stored_labels(masks[0]), read_orientation(photograph))
     if labels.shape != size[::-1]:
         shape = f"{labels.shape[1]}x{labels.shape[0]} pixels, its photograph of {size[0]}x{size[1]}"
         raise OutputError(f"{masks[0]}: is of {shape}; segment the photographs in {photograph.parent}")

@@ -26,6 +26,7 @@ from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.blur_matching import blur_equations, blurred_along, match_patches, resampled
 from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix
+from blur2view.images.pixels import from_resized
 from blur2view.smears.grid import SmearGrid
 
 CELL = 8  # pixels of the lattice on which the warp and the blur are computed
@@ -53,7 +54,7 @@ class View:
     def smears(self, points: Array) -> tuple[Array, Array]:
         """Return displacements (N, 2) and standard deviations (N,) at pixels (N, 2), of the working size."""
         scale = self.camera.width / self.grid.size[0]
-        smears = self.grid.at((points + 0.5) / scale - 0.5)
+        smears = self.grid.at(from_resized(points, scale))
         return smears.displacement * scale, np.maximum(smears.sigma_px * scale, FLOOR_SIGMA_PX)
 
     def scaled(self, scale: float) -> "View":

@@ -22,6 +22,7 @@ from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
 from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.project import check_schema, image_names, open_read_only, read_camera, read_keypoints
 from blur2view.files import half_written
+from blur2view.images.pixels import to_resized
 
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # cv2.goodFeaturesToTrack of a frame after smoothing
@@ -132,7 +133,7 @@ def _write_tracks(
             scale = opened.read_camera(camera).width / sequence.view(name).camera.width
             columns = own.shape[1] if len(own) else 4
             more = np.zeros((len(places), columns), np.float32)
-            more[:, :2] = to_colmap((places + 0.5) * scale - 0.5)
+            more[:, :2] = to_colmap(to_resized(places, scale))
             more[:, SIZES[columns]] = 1
             put = opened.update_keypoints if opened.exists_keypoints(ids[name]) else opened.write_keypoints
             put(ids[name], np.vstack([own.reshape(-1, columns), more]))

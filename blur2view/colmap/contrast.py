@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from blur2view.arrays import white_of
 from blur2view.errors import OutputError
 from blur2view.exposure.sequence import frame_names
 from blur2view.files import open_picture, unwritable
-from blur2view.images.image import read_content, read_pixels
-from blur2view.images.pixels import white_of
+from blur2view.images.image import read_content, read_picture
 
 # Between the 1 and 99 % quantiles of the greys, of 255: 65 to 82 in shared/data/underwater, 202 to 217 in
 # RedKitchen, 161 to 244 in Kodak's photographs
@@ -82,7 +82,7 @@ def write_stretched(
 def _write_if_dull(path: Path, target: Path) -> bool:
     """Write a photograph's copy if its greys use little of their range; return whether they do."""
     content = read_content(path)
-    pixels = read_pixels(path, as_stored=True, content=content)
+    pixels = read_picture(path, as_stored=True, content=content).pixels
     grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) / (white_of(pixels) / 255), np.uint8)
     low, high = np.quantile(grey[::2, ::2], [0.01, 0.99])
     if high - low >= MIN_RANGE:

@@ -23,8 +23,8 @@ from blur2view.colmap.models import observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
-from blur2view.images.image import read_pixels
-from blur2view.images.pixels import white_of
+from blur2view.images.image import read_picture
+from blur2view.images.pixels import to_resized
 from blur2view.networks.smear_network import SmearReader
 
 WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
@@ -120,16 +120,16 @@ class FrameSequence:
 
     def _read_frame(self, name: str) -> View:
         """Read a frame, with the camera of the nearest registered one."""
-        pixels = read_pixels(self.folder / name, as_stored=True)
-        height, width = pixels.shape[:2]
+        picture = read_picture(self.folder / name, as_stored=True)
+        width, height = picture.size
         camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
         if (camera.width, camera.height) != (width, height):
             raise ImageError(
                 f"{self.folder / name}: is of {width}x{height} pixels, its camera of "
                 f"{camera.width}x{camera.height}; name the folder that COLMAP read"
             )
-        light = linear_light(pixels / np.float32(white_of(pixels)))
-        view = View(image=light, grid=self.network.predict(pixels), camera=camera, pose=np.eye(3, 4))
+        light = linear_light(picture.levels())
+        view = View(image=light, grid=self.network.predict(picture.pixels), camera=camera, pose=np.eye(3, 4))
         return view.scaled(min(1.0, WORK_SIDE / max(width, height)))
 
     def _recover_one(self, name: str) -> RecoveredFrame:
@@ -152,7 +152,7 @@ class FrameSequence:
             covariance=covariance,
             motion=found.motion,
             points=ids[found.numbers],
-            pixels=(found.pixels + 0.5) * scale - 0.5,
+            pixels=to_resized(found.pixels, scale),
             residual_px=found.residual_px * scale,
         )
 

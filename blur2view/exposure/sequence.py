@@ -28,7 +28,7 @@ from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.images.inputs import list_photographs
-from blur2view.images.pixels import photograph_of, rgb_of
+from blur2view.images.pixels import from_resized, photograph_of, rgb_of
 from blur2view.images.video import read_video
 from blur2view.networks.model_file import one_thread
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
@@ -81,7 +81,7 @@ def features_of(image: NDArray[np.float32]) -> Features:
     keypoints, descriptors = sift.detectAndCompute(grey, None)
     if not keypoints:
         return NO_FEATURES
-    points = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) / scale - 0.5
+    points = from_resized(np.array([keypoint.pt for keypoint in keypoints]), scale)
     return points, np.asarray(descriptors, np.uint8)  # whole numbers, which OpenCV returns as floats
 
 

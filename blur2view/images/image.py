@@ -5,6 +5,8 @@ import logging
 import os
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, UnidentifiedImageError
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Floats
+from blur2view.camera import ExifValues, exif_of
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import MAX_PIXELS, open_picture, read_regular
-from blur2view.images.pixels import floats_of, photograph_of
+from blur2view.images.pixels import floats_of, photograph_of, stored_from_upright, upright_from_stored
 from blur2view.images.video import frame_numbers, is_video
 
 MIN_SIDE_PX = 16  # bound: anything smaller shows no smear
@@ -43,36 +46,73 @@ def read_image(
 
     JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK; of several pictures the first. Alpha is composited over mid-grey, embedded colour profiles are
-    ignored, 16-bit colour with an EXIF rotation is read with 8 bits. RAW and HEIC need their extras.
+    ignored. RAW and HEIC need their extras.
 
     ``as_stored`` leaves the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF;
     ``content`` are the bytes of the file, where they have been read already. ImageError, one line that names
     the path and the remedy, if the file is missing, damaged, not an image, or of a size that cannot be used.
     """
-    pixels = read_pixels(path, as_stored=as_stored, content=content)
+    picture = read_picture(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):
-        return floats_of(pixels)
+        return picture.levels()
 
 
-def read_pixels(
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """A photograph that has been read, once: its pixels, and what its EXIF states."""
+
+    pixels: AnyArray
+    """(H, W, 3) RGB, sRGB-coded: uint8 or uint16 as in the file; floats in [0, 1] where it had alpha."""
+    exif: ExifValues = field(default_factory=ExifValues)
+    """Focal length, exposure time and direction of the sensor's rows, as far as they are stated."""
+    orientation: int = 1
+    """EXIF's orientation (tag 0x0112), 1 to 8, by which pixels as they are stored become upright."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        height, width = self.pixels.shape[:2]
+        return width, height
+
+    def levels(self) -> Floats:
+        """Return the pixels (H, W, 3) as float32 in [0, 1]."""
+        return floats_of(self.pixels)
+
+
+def read_picture(
     path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
-) -> AnyArray:
-    """Return a photograph as `read_image` does, (H, W, 3), uint8 or uint16 as in its file.
-
-    Floats in [0, 1] where alpha was composited.
-    """
+) -> Picture:
+    """Return a photograph with its file's bits; parameters and errors are those of `read_image`."""
     path = Path(path)
     encoded = read_content(path) if content is None else content
     if not encoded:
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        decoded = _decode(path, encoded, as_stored)
+        decoded, exif, orientation, upright = _decode(path, encoded, as_stored)
         try:
             values = photograph_of(decoded)
         except ValueError as error:
             raise ImageError(f"{path}: {error}; save it with 8 or 16 bits per channel") from None
-        return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(values), (*values.shape[:2], 3)))
+        if upright == as_stored:
+            values = (stored_from_upright if as_stored else upright_from_stored)(values, orientation)
+        pixels = np.ascontiguousarray(np.broadcast_to(np.atleast_3d(values), (*values.shape[:2], 3)))
+        return Picture(pixels=pixels, exif=exif, orientation=orientation)
+
+
+def read_orientation(path: Path) -> int:
+    """Return EXIF's orientation of a photograph, 1 to 8, 1 if none is stated."""
+    with suppress(Exception), warnings.catch_warnings():  # Pillow's errors of damaged files have any type
+        warnings.simplefilter("ignore")
+        with open_picture(read_regular(path)) as photo:
+            return _orientation_of(photo)
+    return 1
+
+
+def _orientation_of(photo: Image.Image) -> int:
+    """Return the orientation that a picture of Pillow states, 1 to 8."""
+    stated = photo.getexif().get(ExifTags.Base.Orientation, 1)
+    return int(stated) if stated in range(1, 9) else 1
 
 
 def read_content(path: Path) -> bytes:
@@ -91,11 +131,20 @@ def read_content(path: Path) -> bytes:
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
 
 
-def _decode(path: Path, encoded: bytes, as_stored: bool) -> AnyArray | Image.Image:
-    """Decode a photograph, upright unless ``as_stored``; 16-bit colour, which Pillow lacks, as an array."""
+def _decode(
+    path: Path, encoded: bytes, as_stored: bool
+) -> tuple[AnyArray | Image.Image, ExifValues, int, bool]:
+    """Decode a photograph: an array of RAW and of 16-bit colour, which Pillow lacks, or a picture of Pillow.
+
+    With it come what its EXIF states, the orientation, and whether it is upright: RAW unless ``as_stored``,
+    and TIFF, which Pillow and OpenCV turn.
+    """
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
-            return _develop(path, encoded, as_stored)
+            developed = _develop(path, encoded, as_stored)
+            with suppress(Exception), open_picture(encoded) as photo:  # some are TIFF with EXIF
+                return developed, exif_of(photo), _orientation_of(photo), not as_stored
+            return developed, ExifValues(), 1, True
         if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif").register_heif_opener()
         with open_picture(encoded) as photo:
@@ -104,11 +153,10 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> AnyArray | Image.Ima
             _refuse_rare(path, getattr(photo, "tag_v2", {}), colour=colour)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
-            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
+            orientation, exif = _orientation_of(photo), exif_of(photo)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
-            if deep and (as_stored or orientation == 1):
-                return _decode_deep(encoded, alpha=photo.has_transparency_data)
-            return photo.copy() if as_stored else ImageOps.exif_transpose(photo)
+            decoded = _decode_deep(encoded, alpha=photo.has_transparency_data) if deep else photo.copy()
+            return decoded, exif, orientation, photo.format == "TIFF"
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from blur2view.arrays import AnyArray, Floats
+from blur2view.arrays import AnyArray, Array, Floats, white_of
 
 BACKDROP = np.float32(0.5)
 """Grey behind transparent pixels: its edges against an unknown photograph are the weakest."""
@@ -61,14 +61,33 @@ def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
 
 
+def upright_from_stored(stored: AnyArray, orientation: int) -> AnyArray:
+    """Turn pixels (H, W, ...), as they are stored, upright: the inverse of `stored_from_upright`."""
+    return stored_from_upright(stored, {6: 8, 8: 6}.get(orientation, orientation))
+
+
+def stored_from_upright(upright: AnyArray, orientation: int) -> AnyArray:
+    """Turn upright pixels or labels (H, W, ...) to how they are stored, by EXIF 2.3's tag 0x0112, 1 to 8."""
+    if orientation in (3, 4, 7, 8):
+        upright = upright[::-1]
+    if orientation in (2, 3, 6, 7):
+        upright = upright[:, ::-1]
+    return upright.swapaxes(0, 1) if orientation in (5, 6, 7, 8) else upright
+
+
+def to_resized(points: Array, scale: float) -> Array:
+    """Return pixels (..., 2) as those of a picture ``scale`` times as large; the corners coincide."""
+    return (points + 0.5) * scale - 0.5
+
+
+def from_resized(points: Array, scale: float) -> Array:
+    """Return pixels (..., 2) of a picture that was made ``scale`` times as large as those of the original."""
+    return (points + 0.5) / scale - 0.5
+
+
 def over_backdrop(values: Floats) -> Floats:
     """Composite pixels (H, W, C + 1) in [0, 1], of which the last is alpha, over mid-grey: (H, W, C)."""
     return np.asarray(BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:], np.float32)
-
-
-def white_of(image: AnyArray) -> int:
-    """Return the value of white in an array of integers, or of floats in [0, 1]."""
-    return np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
 
 
 def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from pathlib import Path, PurePath
-from typing import BinaryIO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
+from PIL import Image
 
-from blur2view.arrays import AnyArray, Floats, Mask
+from blur2view.arrays import AnyArray, Floats, Mask, white_of
 from blur2view.errors import OutputError
-from blur2view.images.pixels import white_of
 from blur2view.movers.moving import THRESHOLD, Moving
 
 Grey = NDArray[np.uint8]
@@ -134,7 +131,7 @@ class MaskFormat(StrEnum):
 
     COLMAP (``--ImageReader.mask_path``) and Nerfstudio (``mask_path`` of a frame) ignore pixels that are 0,
     instant-ngp the others. All read photographs and masks as their pixels are stored, without EXIF's
-    orientation: their masks are `as_stored`.
+    orientation: their masks are turned by `blur2view.images.pixels.stored_from_upright`.
     """
 
     COLMAP = "colmap"
@@ -169,15 +166,3 @@ def stored_labels(path: Path) -> Grey:
     label_of = np.zeros(256, np.uint8)
     label_of[GREY] = np.arange(len(GREY))
     return np.asarray(label_of[grey])
-
-
-def as_stored(upright: Grey, photograph: Path | BinaryIO) -> Grey:
-    """Turn a mask of an upright photograph to how its pixels are stored (EXIF 2.3, tag 0x0112)."""
-    orientation = 1
-    with suppress(*DAMAGED), Image.open(photograph, formats=("JPEG", "PNG", "TIFF", "WEBP")) as picture:
-        orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
-    if orientation in (3, 4, 7, 8):
-        upright = upright[::-1]
-    if orientation in (2, 3, 6, 7):
-        upright = upright[:, ::-1]
-    return upright.swapaxes(0, 1) if orientation in (5, 6, 7, 8) else upright

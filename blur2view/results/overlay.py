@@ -16,7 +16,7 @@ from PIL.PngImagePlugin import PngInfo
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.files import SIGNED_BY
 from blur2view.geometry.epipolar import epipoles, homogeneous
-from blur2view.images.pixels import floats_of, photograph_of
+from blur2view.images.pixels import floats_of, photograph_of, to_resized
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.record import Record
@@ -137,7 +137,7 @@ def size_of(shape: tuple[int, ...]) -> tuple[int, int]:
 
 def on_picture(points: Array, shape: tuple[int, ...]) -> Array:
     """Return pixels (..., 2) of a photograph as pixels of its picture; the corners coincide."""
-    return (points + 0.5) * scale_of(shape) - 0.5
+    return to_resized(points, scale_of(shape))
 
 
 def shown(image: AnyArray) -> Picture:

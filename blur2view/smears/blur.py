@@ -11,7 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Floats
+from blur2view.arrays import AnyArray, Floats, white_of
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import CANNOT_TELL, SHORTEST_PX
 
@@ -90,7 +90,7 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     What is noise alone, as under a lens cap, looks sharp to a network, so that its brightness decides:
     almost all of it must be dark, or burnt out; less of it where the cells of its ``grid`` know nothing.
     """
-    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1.0
+    white = white_of(image)
     every = max(int((image.shape[0] * image.shape[1] / SAMPLED) ** 0.5), 1)
     values, known = image[::every, ::every] / white, knows_kinds(grid)
     other = OTHER if known else OTHER_UNKNOWN

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blur2view.cli import run as command
-from blur2view.images.image import read_pixels
+from blur2view.images.image import read_picture
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import write_photographs
 
@@ -43,7 +43,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def noted(path: Path, **options: Any) -> Any:
         names.append(Path(path).name)
-        return read_pixels(path, **options)
+        return read_picture(path, **options)
 
-    monkeypatch.setattr(command, "read_pixels", noted)
+    monkeypatch.setattr(command, "read_picture", noted)
     return names

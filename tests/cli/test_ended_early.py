@@ -13,7 +13,7 @@ from blur2view import files
 from blur2view.cli import run as command
 from blur2view.errors import OutputError
 from blur2view.files import write_files
-from blur2view.images.image import read_pixels
+from blur2view.images.image import read_picture
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
 
@@ -64,10 +64,10 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
     def interrupt(path: Path, **options: Any) -> Any:
         if path.name == "003.png":
             raise KeyboardInterrupt
-        return read_pixels(path, **options)
+        return read_picture(path, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(command, "read_pixels", interrupt)
+        patched.setattr(command, "read_picture", interrupt)
         done = call("estimate", folder, "-o", tmp_path / "out")
         assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
         assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"

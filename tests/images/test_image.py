@@ -1,6 +1,8 @@
 """Reading photographs: every storage that is promised, and every way to be unusable."""
 
 import io
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,8 @@ import pytest
 from PIL import Image, TiffImagePlugin
 
 from blur2view.errors import ImageError
-from blur2view.images.image import read_image
-from blur2view.images.pixels import BACKDROP
+from blur2view.images.image import read_image, read_orientation, read_picture
+from blur2view.images.pixels import BACKDROP, stored_from_upright
 
 RGB8 = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
 RGB16 = np.random.default_rng(1).integers(0, 65536, (20, 30, 3), dtype=np.uint16)
@@ -67,6 +69,37 @@ def test_orientation_is_applied(tmp_path: Path, suffix: str, depth: int) -> None
         exif[0x0112] = orientation
         picture.save(tmp_path / f"a.{suffix}", exif=exif)
         np.testing.assert_allclose(read_image(tmp_path / f"a.{suffix}")[..., 0], upright, atol=0.02)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_as_stored_turns_nothing_and_turned_16_bit_colour_keeps_its_bits(
+    tmp_path: Path, suffix: str, bits: int
+) -> None:
+    pixels = RGB8 if bits == 8 else RGB16
+    for orientation in range(1, 9):
+        path = tmp_path / f"a.{suffix}"
+        if suffix == "tif":
+            colour = {256: 30, 257: 20, 258: (bits,) * 3, 262: 2, 277: 3, 278: 20}
+            tiff(path, pixels, bits=bits, tags=colour | {274: orientation})
+        else:
+            path.write_bytes(
+                with_orientation(cv2.imencode(".png", pixels[..., ::-1])[1].tobytes(), orientation)
+            )
+        picture = read_picture(path, as_stored=True)
+        np.testing.assert_array_equal(picture.pixels, pixels)
+        assert picture.orientation == orientation == read_orientation(path)
+        upright = read_picture(path).pixels
+        np.testing.assert_array_equal(stored_from_upright(upright, orientation), pixels)
+
+
+def with_orientation(png: bytes, orientation: int) -> bytes:
+    """Return a PNG with an EXIF chunk, behind its header, that states an orientation."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    chunk = b"eXIf" + exif.tobytes().removeprefix(b"Exif\0\0")
+    framed = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return png[:33] + framed + png[33:]
 
 
 @pytest.mark.parametrize("share", [0.05, 0.9])

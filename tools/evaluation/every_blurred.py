@@ -15,7 +15,7 @@ import pycolmap
 from blur2view.cli import commands
 from blur2view.colmap.mapping import blurred_options
 from blur2view.geometry.pose import rotation_vector
-from blur2view.images.image import read_pixels
+from blur2view.images.image import read_picture
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import Existing, Target, publish, run, table
 from tools.evaluation.placed import Poses, extracted, poses_of
@@ -82,7 +82,7 @@ def row(sequence: Path, work: Path, wider: int, network: SmearNetwork) -> tuple[
     """Return the row of a table, of frames that are each the mean of 2 ``wider`` + 1."""
     frames = work / "frames"
     true = blur(sequence, frames, wider)
-    smears = [network.predict(read_pixels(frames / name)).smears().length_px for name in true]
+    smears = [network.predict(read_picture(frames / name).pixels).smears().length_px for name in true]
     camera = next(iter(pycolmap.Reconstruction(sequence / "model").cameras.values()))
     options = {
         "defaults": (pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()),

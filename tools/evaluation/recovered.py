@@ -24,7 +24,7 @@ from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.frame_sequence import NEAR_FRAMES
 from blur2view.colmap.recovery import adjust, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
-from blur2view.images.image import read_pixels
+from blur2view.images.image import read_picture
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import publish, run, table
 from tools.evaluation.placed import Poses, begun, camera_of, centre_of, extracted, poses_of
@@ -88,7 +88,7 @@ def missing_of(names: Sequence[str], run_length: int, between: int = BETWEEN) ->
 
 def averaged(paths: Sequence[Path]) -> AnyArray:
     """Return the mean of pictures in linear light, BGR, uint8."""
-    light = np.mean([(read_pixels(path) / 255.0) ** GAMMA for path in paths], axis=0)
+    light = np.mean([(read_picture(path).pixels / 255.0) ** GAMMA for path in paths], axis=0)
     return np.asarray(np.rint(255 * light ** (1 / GAMMA)), np.uint8)[..., ::-1]
 
 
@@ -149,7 +149,7 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
     path = CameraPath(np.array(known), np.stack([case.true[names[k]] for k in known]), NEAR_FRAMES)
     frames = case.folder / "frames"
     found = recover_frames(case.folder / "model", frames, names, network=network)
-    smears = [network.predict(read_pixels(frames / name)) for name in case.missing]
+    smears = [network.predict(read_picture(frames / name).pixels) for name in case.missing]
     record: dict[str, list[Any]] = {key: [] for key in ("spline", "recovered", "points", "holds")}
     record["smear"] = [float(np.median(one.smears().length_px)) for one in smears]
     record["refused"] = list(found.refused)
