@@ -1,6 +1,7 @@
 """COLMAP's models in folders: read by pycolmap, found, written whole, and what project.ini says of them."""
 
 import os
+import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ RECORDS = {
     "images.bin": (64, 8, 24),
     "points3D.bin": (43, 8, 8),
 }
+NUMBER_OF_POINTS = re.compile(rb"# Number of points: (\d{1,18})\b")  # in the head of points3D.txt
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 SIGNATURE = "# by blur2view"
 PICTURES, DATABASE = "image_path", "database_path"  # keys of project.ini
@@ -65,6 +67,8 @@ def read_model(folder: Path) -> Any:
         for name in RECORDS:
             if (folder / name).exists():
                 _check_records(folder / name)
+        if not (folder / "cameras.bin").exists():  # else COLMAP reads the binary files
+            _check_number_of_points(folder / "points3D.txt")
         model = pycolmap.Reconstruction(folder)
         cameras, file = [camera.params for camera in model.cameras.values()], folder / "cameras.bin"
         if file.exists() and file.stat().st_size < 8 + sum(24 + 8 * len(params) for params in cameras):
@@ -97,6 +101,20 @@ def _check_records(path: Path) -> None:
         count -= 1
     if at > len(content):
         raise ValueError(f"{path.name} ends within a record")
+
+
+def _check_number_of_points(path: Path) -> None:
+    """Raise ValueError if a file has fewer points than its head says: it was cut between two lines.
+
+    pycolmap refuses the other files where they are cut.
+    """
+    with open_regular(path) as file:
+        lines = file.read().splitlines()
+    head = [line for line in lines if line.startswith(b"#")]
+    stated = [int(count[1]) for line in head if (count := NUMBER_OF_POINTS.match(line))]
+    count = sum(bool(line) for line in lines) - len(head)
+    if stated and count < stated[0]:
+        raise ValueError(f"{path.name} says {stated[0]} points and holds {count}")
 
 
 def find_model(folder: Path) -> Path:

@@ -58,6 +58,18 @@ def test_a_file_that_ends_early_is_refused_before_pycolmap_takes_memory(
         read_model(model)
 
 
+def test_points_in_text_that_were_cut_between_lines_are_refused(model: Path) -> None:
+    (model / "text").mkdir()
+    pycolmap.Reconstruction(model).write_text(model / "text")
+    points = model / "text" / "points3D.txt"
+    lines = points.read_text().splitlines(keepends=True)
+    points.write_text("".join(lines[:-4]))
+    with pytest.raises(DatabaseError, match=r"damaged \(points3D\.txt says 9 points and holds 5\)"):
+        read_model(model / "text")
+    points.write_text("".join(line for line in lines[:-4] if line[0] != "#"))  # of a program without a head
+    assert len(read_model(model / "text").points3D) == 5
+
+
 @pytest.mark.parametrize(
     ("name", "at", "written"),
     [
