@@ -5,6 +5,7 @@ import hashlib
 import io
 import os
 import platform
+import shutil
 import stat
 import tempfile
 import time
@@ -186,7 +187,8 @@ def writable_folder(folder: Path) -> Path:
     for path in folder.glob(f".*.{_host()}-*{HALF}"):
         number = path.name.removesuffix(HALF).rpartition("-")[2]
         if not _runs(int(number) if number.isdecimal() else 0):
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
     return there
 
 

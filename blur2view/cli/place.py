@@ -53,7 +53,7 @@ class PlaceOptions:
 
         with waiting("placing views", hidden=self.printing.quiet):
             names, model = frame_names(self.photographs), find_model(self.model)
-            refuse_other_model(self.output)
+            refuse_other_model(self.output, model)
             found = place_views(self.database, model, names, self.fraction)
             if not found.placed:
                 count = plural(len(found.refused), "frame")

@@ -73,7 +73,7 @@ class RecoverOptions:
         from blur2view.networks.smear_network import SmearNetwork
 
         names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
-        refuse_other_model(self.output)
+        refuse_other_model(self.output, model)
         writable_folder(self.output)
         if self.tracks is not None:
             if os.path.lexists(tracks):

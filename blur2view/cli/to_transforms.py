@@ -15,7 +15,7 @@ from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
-from blur2view.colmap.project import smear_lengths
+from blur2view.colmap.project import smear_lengths, storable
 from blur2view.errors import OutputError
 from blur2view.files import check_file, open_picture, open_regular, writable_folder, write_beside
 from blur2view.images.image import RAW_SUFFIXES, read_orientation
@@ -140,16 +140,19 @@ def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tupl
 def _write_file(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write the file with its masks and points; return the words that say so."""
     target, masks, sizes = options.output, options.masks, _sizes(model, photographs, images)
+    path_of_images = os.path.relpath(images, target.parent)
+    if not storable(path_of_images):
+        raise OutputError(f"{path_of_images}: is not UTF-8, which {target.name} needs; rename the folder")
     content = transforms.content_of(
         model,
         options.model,
         photographs,
         dialect=options.dialect,
-        images=os.path.relpath(images, target.parent),
+        images=path_of_images,
         sizes=sizes,
         exposure_s=options.exposure,
     )
-    line, files = plural(len(photographs), "frame"), dict[Path, bytes]()
+    line, files, own = plural(len(photographs), "frame"), dict[Path, bytes](), dict[Path, bytes]()
     if masks is not None:
         paths = _mask_paths(options, [*sizes], images)
         files = {
@@ -161,11 +164,13 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
                 frame["mask_path"] = path.relative_to(target.parent).as_posix()
     if transforms.PLY_KEY in content:
         check_file(target.parent / transforms.PLY)
-        files[target.parent / transforms.PLY] = transforms.point_cloud(model)
+        own[target.parent / transforms.PLY] = transforms.point_cloud(model)
         line += f" and their points, {transforms.PLY}"
     content = {"generator": f"blur2view {__version__}", **content}
-    files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-    write_beside(files)
+    own[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    if files:
+        write_beside(files)
+    write_beside(own, noted=True)
     still = sum(not photograph.views for photograph in photographs)
     if still:
         line += f", {still} of them without views, as if sharp (blur2view place gives them)"
@@ -215,7 +220,7 @@ def _mask(
 def _write_folder(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write gsplat's folder, their model and a link to the photographs; return the words that say so."""
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    refuse_other_model(folder)
+    refuse_other_model(folder, options.model)
     if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
     names = _sizes(model, photographs, images).keys()  # gsplat scales the cameras by itself

@@ -2,8 +2,9 @@
 
 import os
 import re
-import tempfile
+import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,16 @@ from blur2view.camera import NO_RAYS
 from blur2view.colmap.project import CAMERA_SENSOR, has_frames, image_names, open_read_only
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.files import open_regular, read_regular, writable_folder
+from blur2view.files import (
+    file_digest,
+    half_written,
+    is_noted,
+    locked,
+    note,
+    open_regular,
+    read_regular,
+    writable_folder,
+)
 
 # Bytes of a record before the number of its parts, but for an image's name, of that number, and of a part;
 # of cameras and rigs those of the smallest record.
@@ -73,6 +83,9 @@ def read_model(folder: Path) -> Any:
         cameras, file = [camera.params for camera in model.cameras.values()], folder / "cameras.bin"
         if file.exists() and file.stat().st_size < 8 + sum(24 + 8 * len(params) for params in cameras):
             raise ValueError("cameras.bin ends within a record")
+        for camera in model.cameras.values():
+            if min(camera.width, camera.height, *camera.params[camera.focal_length_idxs()]) <= 0:
+                raise ValueError(f"camera {camera.camera_id} has no positive size and focal length")
         posed = [image for image in model.images.values() if image.name and image.has_pose]
         numbers = [*cameras, *(point.xyz for point in model.points3D.values())]
         numbers += [image.cam_from_world().matrix().ravel() for image in posed]
@@ -111,18 +124,25 @@ def _check_number_of_points(path: Path) -> None:
     with open_regular(path) as file:
         lines = file.read().splitlines()
     head = [line for line in lines if line.startswith(b"#")]
-    stated = [int(count[1]) for line in head if (count := NUMBER_OF_POINTS.match(line))]
+    stated = [int(found[1]) for line in head if (found := NUMBER_OF_POINTS.match(line))]
     count = sum(bool(line) for line in lines) - len(head)
     if stated and count < stated[0]:
         raise ValueError(f"{path.name} says {stated[0]} points and holds {count}")
 
 
 def find_model(folder: Path) -> Path:
-    """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ..."""
+    """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
+
+    Damaged ones are passed over unless all are.
+    """
     below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
     if holds_model(folder) or not below:
         return folder
-    return max(below, key=lambda path: len(photographs_of(read_model(path))))
+    sizes = dict[Path, int]()
+    for path in below:
+        with suppress(DatabaseError):
+            sizes[path] = len(photographs_of(read_model(path)))
+    return max(sizes, key=lambda path: sizes[path]) if sizes else below[0]
 
 
 def holds_model(folder: Path) -> bool:
@@ -169,31 +189,46 @@ def add_image(
     return model.images[number]
 
 
-def refuse_other_model(folder: Path) -> None:
-    """Raise OutputError if a folder holds a model that blur2view did not write."""
-    present = [name for name in (*RECORDS, PROJECT_FILE) if os.path.lexists(folder / name)]
+def refuse_other_model(folder: Path, given: Path) -> None:
+    """Refuse, before any work, to write a model where one is lost that blur2view did not write as it is.
+
+    OutputError if a folder is that of the model ``given``, or holds a file of a model that another program
+    wrote, or changed since, or one in text, which COLMAP would no longer read beside the binary files.
+    """
+    remedy = "move it away, or name another folder with -o"
+    if os.path.realpath(folder) == os.path.realpath(given):
+        raise OutputError(f"{folder}: would replace the model of this call; name another folder with -o")
+    texts = [Path(name).with_suffix(".txt").name for name in RECORDS]
+    present = [folder / name for name in (*RECORDS, PROJECT_FILE, *texts) if os.path.lexists(folder / name)]
     if present and not _project(folder).startswith(SIGNATURE):
-        raise OutputError(f"{folder / present[0]}: is not of an earlier call; name another folder with -o")
+        raise OutputError(f"{present[0]}: is not of an earlier call; {remedy}")
+    for path in present:
+        if path.suffix == ".txt" or is_noted(path) is False:
+            raise OutputError(f"{path}: has changed since blur2view wrote the model; {remedy}")
 
 
 def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
     """Write a model and COLMAP's project.ini whole, in place of earlier ones; OutputError if it fails."""
     paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
     lines = [SIGNATURE, *(f"{key}={path.absolute()}" for key, path in paths.items())]
-    with tempfile.TemporaryDirectory(dir=writable_folder(folder)) as name:
-        beside = Path(name)
-        try:
-            model.write(beside)
-            (beside / "room").write_bytes(bytes(SPARE_BYTES))  # pycolmap does not say that a disk is full
-            (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
-            folder.mkdir(parents=True, exist_ok=True)
-            for file in (PROJECT_FILE, *RECORDS):  # first what says whose they are, if it is killed here
-                (beside / file).replace(folder / file)
-        except (OSError, ValueError, RuntimeError) as error:
-            why = getattr(error, "strerror", None) or " ".join(str(error).split())
-            raise OutputError(
-                f"{folder}: the model cannot be written there ({why}); make room or name another folder"
-            ) from None
+    writable_folder(folder)
+    beside = half_written(folder / "model")
+    try:
+        beside.mkdir(parents=True)
+        model.write(beside)
+        (beside / "room").write_bytes(bytes(SPARE_BYTES))  # pycolmap does not say that a disk is full
+        (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
+        with locked(folder):
+            note({folder / name: file_digest(beside / name) for name in RECORDS})
+            for name in (PROJECT_FILE, *RECORDS):  # first what says whose they are, if it is killed here
+                (beside / name).replace(folder / name)
+    except (OSError, ValueError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise OutputError(
+            f"{folder}: the model cannot be written there ({why}); make room or name another folder"
+        ) from None
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 def noted(folder: Path, key: str) -> Path | None:

@@ -12,6 +12,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
+from blur2view.files import NOTES
 from tests.support.colour_code import colour_code
 from tests.support.many_photographs import write_frames
 from tests.support.walks import Walk, on_plane
@@ -91,7 +92,7 @@ def test_chain_ends_in_files_that_both_programs_read(
         for k, frame in enumerate(json.loads(path.read_text())["frames"]):
             assert (path.parent / frame["file_path"]).is_file()
             np.testing.assert_allclose(frame["transform_matrix"], in_opengl(WALK.pose_at(k)), atol=0.02)
-    assert [path.name for path in ngp.parent.iterdir()] == ["transforms.json"]
+    assert {path.name for path in ngp.parent.iterdir()} == {"transforms.json", NOTES}
     assert place(linked, "-q") == 0 and place(linked, output="model/1") == 1
     assert "rigs.bin: is not of an earlier call; name another folder with -o" in capsys.readouterr().err
 

@@ -1,6 +1,7 @@
 """Masks and models where trainers of radiance fields look for them, read back as their loaders do."""
 
 import json
+import os
 from functools import partial
 from pathlib import Path
 
@@ -143,6 +144,36 @@ def test_cameras_are_those_of_the_photographs_size_and_of_a_part_there_is_none(
     Image.new("RGB", (48, 48)).save(scene / "half" / NAMES[1])
     refused = call(*words)
     assert refused == 1 and "48x48 pixels do not show all 96x64 of its camera; name" in refused.line
+
+
+def test_what_a_user_changed_since_stays(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "-o")
+    target = scene / "transforms.json"
+    assert call(*words, target) == call(*words, target) == 0
+    target.write_text(target.read_text().replace('"aabb_scale": 16', '"aabb_scale": 4'))
+    refused = call(*words, target)
+    assert refused == 1 and "transforms.json: has changed since blur2view wrote it" in refused.line
+    (scene / "scene" / "sparse").mkdir(parents=True)
+    (scene / "model").rename(scene / "scene" / "sparse" / "0")
+    (scene / "scene" / "sparse" / "0" / "project.ini").write_text("# by blur2view\n")
+    own = (scene / "scene" / "sparse" / "0", *words[1:], scene / "scene", "--dialect", "gsplat")
+    assert "would replace the model of this call" in call(*own).line
+
+
+def test_names_that_json_cannot_hold_are_refused(scene: Path, call: Call) -> None:
+    folder = (scene / "images").rename(scene / os.fsdecode(b"\xff"))
+    refused = call(scene / "model", "--images", folder, "-o", scene / "transforms.json")
+    assert refused == 1 and "is not UTF-8, which transforms.json needs" in refused.line
+
+
+def test_masks_that_cannot_be_written_are_named_before_the_work(
+    scene: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (scene / "masks").write_text("a list of masks")
+    monkeypatch.setattr("blur2view.cli.to_transforms.stored_labels", None)  # the work
+    words = ("--images", scene / "images", "--dialect", "nerfstudio", "--masks-from", scene / "out")
+    refused = call(scene / "model", *words, "-o", scene / "transforms.json")
+    assert refused == 1 and f"{scene / 'masks'}: is not a folder" in refused.line
 
 
 def test_an_optimised_mask_is_a_mask(scene: Path, call: Call) -> None:

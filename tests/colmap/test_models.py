@@ -1,5 +1,7 @@
 """COLMAP's models as anybody may have written them: whole ones are read, odd ones are refused in one line."""
 
+import json
+import shutil
 import struct
 import subprocess
 import sys
@@ -12,6 +14,8 @@ import pytest
 from blur2view.colmap.models import (
     DATABASE,
     PICTURES,
+    PROJECT_FILE,
+    RECORDS,
     find_model,
     noted,
     read_model,
@@ -19,6 +23,7 @@ from blur2view.colmap.models import (
     write_model,
 )
 from blur2view.errors import DatabaseError, OutputError
+from blur2view.files import NOTES
 from tests.support.walks import Walk
 
 WALK = Walk(
@@ -100,11 +105,69 @@ def test_a_camera_without_rays_in_a_plane_is_refused(model: Path, tmp_path: Path
 def test_a_model_of_an_earlier_call_is_replaced_and_no_other(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for _ in range(2):
-        refuse_other_model(out)
+        refuse_other_model(out, model)
         write_model(read_model(model), out, tmp_path, tmp_path / "walk.db")
     assert [noted(out, key) for key in (PICTURES, DATABASE)] == [tmp_path, tmp_path / "walk.db"]
     with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
-        refuse_other_model(model)
+        refuse_other_model(model, out)
+    with pytest.raises(OutputError, match="out: would replace the model of this call"):
+        refuse_other_model(tmp_path / "model" / ".." / "out", out)
+
+
+def test_a_model_that_was_refined_since_stays(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_model(read_model(model), out, tmp_path)
+    refined = pycolmap.Reconstruction(out)
+    refined.points3D[1].xyz = np.array([0.1, 0.2, 5])
+    refined.write_text(out)
+    with pytest.raises(OutputError, match=r"rigs\.txt: has changed since"):  # COLMAP would read ours
+        refuse_other_model(out, model)
+    for path in out.glob("*.txt"):
+        path.unlink()
+    refuse_other_model(out, model)
+    refined.write_binary(out)
+    with pytest.raises(OutputError, match=r"points3D\.bin: has changed since .* move it away, or name"):
+        refuse_other_model(out, model)
+
+
+def test_a_damaged_model_beside_a_whole_one_is_passed_over(model: Path, tmp_path: Path) -> None:
+    models = tmp_path / "models"
+    for name in "01":
+        shutil.copytree(model, models / name)
+    (models / "0" / "images.bin").write_bytes(b"damaged")
+    assert find_model(models) == models / "1"
+    (models / "1" / "images.bin").write_bytes(b"damaged")
+    with pytest.raises(DatabaseError, match="0: its model is damaged"):
+        read_model(find_model(models))
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from blur2view.colmap import models
+models.file_digest = lambda path: os.kill(os.getpid(), 9)
+models.write_model(models.read_model(Path(sys.argv[1])), Path(sys.argv[2]), Path("frames"))
+"""
+
+
+def test_what_a_killed_call_left_goes_with_the_next(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    assert subprocess.run([sys.executable, "-c", KILLED, model, out]).returncode == -9
+    assert len([*out.iterdir()]) == 1
+    write_model(read_model(model), out, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"deep", "model", "walk.db"}
+    assert {path.name for path in out.iterdir()} == {*RECORDS, PROJECT_FILE, NOTES}
+
+
+@pytest.mark.parametrize(
+    "edit", ["width = 0", "height = 0", "params = [-99, 50, 40]", "params = [0, 50, 40]"]
+)
+def test_a_camera_without_size_or_focal_length_is_refused(model: Path, edit: str) -> None:
+    read, (name, value) = pycolmap.Reconstruction(model), edit.split(" = ")
+    setattr(read.cameras[1], name, json.loads(value))
+    read.write(model)
+    with pytest.raises(DatabaseError, match="camera 1 has no positive size and focal length"):
+        read_model(model)
 
 
 FULL = """
