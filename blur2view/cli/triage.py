@@ -21,6 +21,7 @@ from blur2view.images.video import read_frame
 from blur2view.networks.smear_network import Detail
 from blur2view.results.record import Record, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
+from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
 COUNTED = {Use.BLURRED: "blurred but of use", "": "failed"}  # other uses are called by their names
@@ -31,7 +32,8 @@ blurred: it is longer, but F or H explains the smears, so that the views of the 
     to-colmap); kept with --blurred only
 unusable: it is longer, and no geometry explains it; kept by --best and --every-best only, as the following
 out of focus: the lens, not a motion, blurs all of it
-unclear: nothing shows texture, or it is too dark: perhaps sharp
+unclear: it is too dark or overexposed, nothing shows texture, or its smears are no longer than their errors;
+    perhaps sharp; nothing_seen of --csv says why
 """
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
@@ -124,14 +126,17 @@ class TriageOptions(Command):
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             said = f"none is kept: {remedy}"
-        counts = {COUNTED.get(use, use): uses[use] for use in (*Use, "")}
+        reasons = Counter(outcome.record.nothing_seen for _, outcome in run.outcomes)
+        exposed = ", ".join(f"{reasons[one]} {one}" for one in (TOO_DARK, OVEREXPOSED) if reasons[one])
+        counted = COUNTED | ({Use.UNCLEAR: f"{Use.UNCLEAR} ({exposed})"} if exposed else {})
+        counts = {counted.get(use, use): uses[use] for use in (*Use, "")}
         run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
     def _kept(self, read: Mapping[Job, Record]) -> list[Job]:
         """Return the photographs to keep, in order."""
 
         def width(job: Job) -> tuple[bool, float]:
-            blur_px = read[job].blur_px  # without texture it comes last
+            blur_px = read[job].blur_px  # where nothing is seen it comes last
             return read[job].use != Use.SHARP, inf if blur_px is None else blur_px
 
         if self.best is not None:

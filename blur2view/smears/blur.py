@@ -20,6 +20,7 @@ DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is o
 # Values below, or above, which a photograph is too dark, or overexposed; the share of it that may be
 # brighter, or darker, and that where the cells know no kind of blur.
 DARK, BRIGHT, OTHER, OTHER_UNKNOWN = 0.04, 0.98, 0.001, 0.02
+TOO_DARK, OVEREXPOSED = "too dark", "overexposed"
 LEVELS = 16  # different values of what is dark, from which on it is no photograph of 8 bits, and may be read
 SAMPLED = 2**16  # pixels whose values are looked at: bound
 UNSEEN_PX = 500.0  # standard deviation above which a cell shows no texture: a network gives such cells 1000
@@ -96,9 +97,9 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     other = OTHER if known else OTHER_UNKNOWN
     low, high = np.quantile(values, (other, 1 - other))
     if high < DARK and (not known or len(np.unique(values[values < DARK])) <= LEVELS):
-        return "too dark"
+        return TOO_DARK
     if low > BRIGHT:
-        return "overexposed"
+        return OVEREXPOSED
     return "one colour all over, or transparent" if high - low < 1 / 255 else ""
 
 

@@ -101,8 +101,10 @@ class Evidence:
         A camera whose smears are no longer than their errors is not said to have moved: nobody can tell.
         """
         grid, moved = self.grid, self.camera_moved
-        unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=self.nothing_seen), grid)
-        if self.nothing_seen or not knows_kinds(grid) or (grid.kinds is None and unknown.smear_px is None):
+        if self.nothing_seen:  # what the cells read is noise
+            return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=self.nothing_seen)
+        unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
+        if not knows_kinds(grid) or (grid.kinds is None and unknown.smear_px is None):
             return unknown
         if grid.blur is None or grid.kinds is None:
             kind = BlurKind.CAMERA_MOVED if moved > 0.5 else BlurKind.SHARP

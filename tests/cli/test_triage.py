@@ -146,3 +146,17 @@ def test_a_list_names_what_it_was_written_of(call: Call, still: Path, here: Path
     assert done == 1 and "its name holds a line break" in done.line
     assert call("triage", "@in/keep.txt", "--csv", "t.csv") == 0
     assert {row["name"].removeprefix("./") for row in table(Path("t.csv"))} == set(names)
+
+
+def test_black_and_white_photographs_are_counted_as_such_and_are_the_last_to_keep(
+    frames: Path, call: Call, tmp_path: Path
+) -> None:
+    noise = np.random.default_rng(0).normal(2.2, 1.9, (240, 320, 3))
+    cv2.imwrite(str(frames / "cap.png"), np.clip(np.round(noise), 0, 255).astype(np.uint8))
+    cv2.imwrite(str(frames / "white.png"), np.full((240, 320, 3), 255, np.uint8))
+    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
+    done = call("triage", frames, "--csv", sheet, "--keep", keep, "--best", 2)
+    rows = {one["name"]: one for one in table(sheet)}
+    assert [rows[name]["nothing_seen"] for name in ("cap.png", "white.png")] == ["too dark", "overexposed"]
+    assert rows["cap.png"]["use"] == "unclear" and "2 unclear (1 too dark, 1 overexposed)" in done.out
+    assert keep.read_text().splitlines() == ["chaos.png", "still.png"]

@@ -2,8 +2,8 @@
 
 ``python -m tools.evaluation.blur_kinds PHOTOS... --out tools/results/blur_kinds.md`` blurs every sharp
 photograph of folders in all these ways (`tools.datasets.blurred_photographs`), estimates each, and writes the
-names by kind and size of blur, and of dim pictures, and the errors of smears. The page follows from the
-photographs and ``--seed``, whatever the number of ``--jobs``.
+names by kind and size of blur, and of dim pictures, how many triage names otherwise, and errors of smears.
+The page follows from the photographs and ``--seed``, whatever the number of ``--jobs``.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +16,7 @@ import numpy as np
 
 import blur2view
 from blur2view import BlurKind
+from blur2view.networks.smear_network import Detail
 from tools.command import Existing, Target, mapped, publish, run, table
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
 from tools.metrics import direction_error_deg
@@ -27,12 +28,14 @@ MIN_RADIUS_PX, MIN_SMEAR_PX = 3, 6  # from which a picture counts as blurred
 class Seen(NamedTuple):
     """A picture (without its pixels) and its estimate.
 
-    ``direction_deg`` and ``sure_deg`` are median errors of all smears and of the half of surer directions,
-    ``length_px`` the median of this half; ``moving`` the share that is said to move.
+    ``triaged`` is the kind that triage names, which reads fewer windows; ``direction_deg`` and ``sure_deg``
+    are median errors of all smears and of the half of surer directions, ``length_px`` is its median and
+    ``moving`` the share that is said to move.
     """
 
     picture: Picture
     kind: BlurKind
+    triaged: BlurKind
     direction_deg: float
     sure_deg: float
     length_px: float
@@ -59,9 +62,11 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     error_deg = direction_error_deg(field.displacement, true)
     sure = field.sigma_rad <= np.median(field.sigma_rad)
     blur = estimate.blur
+    triaged = blur2view.estimate(picture.image, network=network, detail=Detail.RANKING).blur.kind
     return Seen(
         picture=replace(picture, image=np.empty(0)),
         kind=blur.kind,
+        triaged=triaged,
         direction_deg=float(np.median(error_deg)),
         sure_deg=float(np.median(error_deg[sure])),
         length_px=float(np.median(field.length_px[sure])),
@@ -110,6 +115,7 @@ def page(rows: list[Seen]) -> Iterator[str | list[str]]:
     if rest:
         moves, found = np.mean(rest, axis=0)
         yield f"Before a camera at rest {moves:.2f} of the pictures moves, and {found:.2f} are said to move."
+    yield f"Triage names {sum(one.kind != one.triaged for one in rows)} of {len(rows)} otherwise."
     head = "smear | pictures | direction, deg | surer half | length over true | within 5 %"
     yield from ("## Even smears", table(head, smear_rows(rows)))
 
