@@ -183,6 +183,8 @@ def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: 
         rows = whiten @ image_flow(camera, points)
         weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
         normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
+        if not np.isfinite(normal).all():  # LAPACK would print of it
+            raise np.linalg.LinAlgError("the points have no projections")
         step = np.linalg.lstsq(normal, np.tensordot(weighted, missed, ((0, 1), (0, 1))), rcond=None)[0]
         pose = changed(pose, step)
         if np.abs(step[:3]).max() < 1e-7:

@@ -16,6 +16,7 @@ from blur2view.colmap.frame_sequence import (
     INDEPENDENT_SHARE,
     NEAR_FRAMES,
     NO_FIT,
+    SPLINE_TAIL,
     FrameSequence,
     RecoveredFrame,
     weighted_mean,
@@ -128,7 +129,7 @@ def test_large_frames_are_worked_on_smaller(
 
 def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
     start, sigma = np.eye(3, 4), np.repeat([0.01, 0.1], 3)
-    expected = Expected(start, 0.01, 0.1, np.zeros(6))
+    expected = Expected(start, 0.01 / SPLINE_TAIL, 0.1 / SPLINE_TAIL, np.zeros(6))
     change, none = np.array([0.01, 0, 0, 0, 0.2, 0]), np.zeros((0, 2))
     information = np.diag(sigma**-2.0) / INDEPENDENT_SHARE
     found = BlurredPose(
