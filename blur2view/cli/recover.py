@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import flag, option, required
+from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.place import refused_lines
 from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, ids_of, noted, refuse_other_model, write_model
@@ -50,6 +50,8 @@ class RecoverOptions:
     tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a
         copy of the model's project with keypoints and verified matches of blurred patches, more exact than
         those of SIFT, to map anew (some seconds for a frame)""")
+    database: Path | None = rare_option("""--db DB: the model's project: recovered frames keep the keypoints
+        that they have there, so that COLMAP's mappers go on with both; they observe fewer points""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
         adjustment); other poses stay""")
     views: bool = flag("""--views: also add both views of each recovered frame (default: if MODEL has views
@@ -79,7 +81,7 @@ class RecoverOptions:
             if os.path.lexists(tracks):
                 raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
             check_project(self.tracks, names)
-        database = self.tracks or noted(model, DATABASE)
+        database = self.database or self.tracks or noted(model, DATABASE)
         known = None if database is None else ids_of(database)
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
@@ -98,7 +100,7 @@ class RecoverOptions:
                 raise DatabaseError(
                     f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
                 )
-            found = recovery_of(sequence, known, views=self.views or None, refine=self.refine)
+            found = recovery_of(sequence, known, self.database, views=self.views or None, refine=self.refine)
             write_model(found.model, self.output, self.photographs, database)
         if self.tracks is not None and not interrupted:
             with waiting("matching blurred patches", hidden=quiet) as show:

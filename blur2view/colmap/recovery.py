@@ -11,15 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from blur2view.camera import to_colmap
 from blur2view.colmap.blurred_pose import pose_at, projected
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from blur2view.colmap.models import DatabaseIds, add_image, ids_of, photographs_of
+from blur2view.colmap.project import image_names, open_read_only, read_keypoints
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.exposure.sequence import frame_names
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
+
+NO_POINTS = np.zeros((0, 2))
+MAX_KEYPOINT_PX = 2.0  # from a keypoint of a database to the point that it shows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +45,7 @@ def recover_frames(
     names: Sequence[str] | None = None,
     *,
     database: str | os.PathLike[str] | None = None,
+    keep_keypoints: bool = False,
     views: bool | None = None,
     refine: bool = False,
     network: SmearReader | None = None,
@@ -61,7 +67,10 @@ def recover_frames(
         All frames in order, as COLMAP calls them: their paths in ``frames``; by default all photographs in
         that folder and below it. The numbers in names that differ in nothing else are times (`frame_times`).
     database
-        COLMAP's project, from which recovered frames have their ids, so that COLMAP goes on with both.
+        COLMAP's project, from which recovered frames have their ids.
+    keep_keypoints
+        Whether recovered frames keep the keypoints that they have in the database, so that COLMAP's mappers
+        go on with both. They observe fewer points: those that were found where a keypoint is.
     views
         Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
         NAME#close, for which there are no files; by default if the model has such images.
@@ -89,26 +98,36 @@ def recover_frames(
     """
     names = frame_names(frames) if names is None else names
     sequence = FrameSequence(Path(model), Path(frames), names, network or SmearNetwork())
+    if keep_keypoints and database is None:
+        raise ValueError("keep_keypoints needs the database that has them")
     known = None if database is None else ids_of(Path(database))
     recover_all(sequence, jobs=jobs, notes=None if notes is None else Notes(Path(notes), sequence), show=show)
-    return recovery_of(sequence, known, views=views, refine=refine)
+    kept = Path(database) if keep_keypoints and database is not None else None
+    return recovery_of(sequence, known, kept, views=views, refine=refine)
 
 
 def recovery_of(
     sequence: FrameSequence,
     known: DatabaseIds | None = None,
+    kept: Path | None = None,
     *,
     views: bool | None = None,
     refine: bool = False,
 ) -> Recovery:
-    """Return a sequence's model to which its recovered frames are added, as `recover_frames` says."""
+    """Return a sequence's model to which its recovered frames are added, as `recover_frames` says.
+
+    ``kept`` is the database whose keypoints they keep.
+    """
     if views is None:
         views = any(image.name.endswith((OPEN, CLOSE)) for image in sequence.model.images.values())
+    before = None if kept is None else deepcopy(sequence.model)
     recovered = [name for name in sequence.times if name in sequence.recovered]
     for name in recovered:
         _add_frame(sequence, name, known)
     if refine and recovered:
         adjust(sequence.model, recovered)
+    if kept is not None:
+        sequence.model = _with_keypoints(sequence, before, kept, known)
     for name in recovered if views else ():
         _add_views(sequence, name, known)
     return Recovery(
@@ -128,6 +147,34 @@ def _add_frame(sequence: FrameSequence, name: str, known: DatabaseIds | None) ->
     image = add_image(sequence.model, name, frame.pose, to_colmap(frame.pixels), beside, known)
     for keypoint, number in enumerate(frame.points):
         sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, keypoint))
+
+
+def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, known: DatabaseIds | None) -> Any:
+    """Return the model ``before`` with the frames of a sequence's and a database's keypoints of these."""
+    import pycolmap
+
+    after = sequence.model
+    for number, point in after.points3D.items():
+        before.points3D[number].xyz = point.xyz
+    with open_read_only(database) as opened:
+        ids = image_names(opened)
+        kept = {name: read_keypoints(opened, ids[name]) for name in sequence.recovered if name in ids}
+    for name in (name for name in sequence.times if name in sequence.recovered):
+        frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
+        pose, keypoints = (
+            after.find_image_with_name(name).cam_from_world().matrix(),
+            kept.get(name, NO_POINTS),
+        )
+        image = add_image(before, name, pose, keypoints, beside, known)
+        if not len(keypoints):
+            continue
+        away, nearest = cKDTree(keypoints).query(to_colmap(frame.pixels))
+        order = np.argsort(away, kind="stable")
+        _, first = np.unique(nearest[order], return_index=True)
+        for index in order[first][away[order[first]] < MAX_KEYPOINT_PX]:
+            element = pycolmap.TrackElement(image.image_id, int(nearest[index]))
+            before.add_observation(int(frame.points[index]), element)
+    return before
 
 
 def _add_views(sequence: FrameSequence, name: str, known: DatabaseIds | None) -> None:

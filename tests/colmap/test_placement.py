@@ -168,6 +168,20 @@ def test_frames_in_irregular_steps_are_placed_by_their_numbers(tmp_path: Path, n
         np.testing.assert_allclose(motion_of(found, name)[0], SHARE * TURN, atol=2e-4)
 
 
+def test_colmap_goes_on_where_a_frame_was_refused(tmp_path: Path) -> None:
+    database, model = project(tmp_path)
+    walk = pycolmap.Reconstruction(model)
+    walk.deregister_frame(walk.images[3].frame_id)
+    walk.write(model)
+    found = place_views(database, model)
+    with pycolmap.Database.open(database) as opened:
+        for image in found.model.images.values():
+            assert opened.read_image_with_name(image.name).frame_id == image.frame_id
+    (tmp_path / "onward").mkdir()
+    onward = pycolmap.triangulate_points(found.model, database, tmp_path, tmp_path / "onward")
+    assert onward.num_reg_images() == found.model.num_reg_images() == 3 * (FRAMES - 1)
+
+
 def test_recovered_frames_and_other_numbers_of_images_are_no_obstacle(tmp_path: Path) -> None:
     database, model = project(tmp_path)
     walk = pycolmap.Reconstruction(model)

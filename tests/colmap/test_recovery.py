@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import AnyArray, Array
+from blur2view.camera import to_colmap
 from blur2view.colmap.blurred_pose import BlurredPose
 from blur2view.colmap.blurred_tracks import check_project, track_frames
 from blur2view.colmap.frame_sequence import (
@@ -21,7 +23,7 @@ from blur2view.colmap.frame_sequence import (
     RecoveredFrame,
     weighted_mean,
 )
-from blur2view.colmap.models import photographs_of
+from blur2view.colmap.models import observed, photographs_of
 from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
 from blur2view.errors import DatabaseError, OutputError
@@ -200,6 +202,56 @@ def test_notes_of_another_call_begin_anew_and_other_files_stay(
     with pytest.raises(OutputError, match="was not written by blur2view"):
         Notes(mine, sequence)
     assert mine.read_text() == "mine"
+
+
+def write_whole_project(path: Path, model: pycolmap.Reconstruction, lacking: int) -> None:
+    """Write the project of a model, and of one frame more that sees all its points; and a stranger."""
+    keypoints = {image.image_id: [point.xy for point in image.points2D] for image in model.images.values()}
+    seen = {image.image_id: observed(model, image) for image in model.images.values()}
+    world = {number: point.xyz for number, point in model.points3D.items()}
+    images = [*model.images.values()]
+    with pycolmap.Database.open(path) as database:
+        database.write_camera(PLANE.camera, use_camera_id=True)
+        for rig in model.rigs.values():
+            database.write_rig(rig, use_rig_id=True)
+        frames = [model.frame(image.frame_id) for image in images]
+        for number, name in ((1 + max(keypoints), "other.png"), (99, PLANE.names[lacking])):
+            images.append(pycolmap.Image(name=name, camera_id=1, image_id=number))
+            frames.append(pycolmap.Frame(frame_id=2 * number, rig_id=1))
+            frames[-1].add_data_id(images[-1].data_id)
+            keypoints[number] = [*to_colmap(PLANE.seen(PLANE.pose(lacking), np.stack([*world.values()])))]
+        seen[99] = dict(enumerate(world))
+        for image, frame in zip(images, frames, strict=True):
+            database.write_frame(frame, use_frame_id=True)
+            database.write_image(image, use_image_id=True)
+            database.write_keypoints(image.image_id, np.array(keypoints[image.image_id], np.float32))
+        for first, second in combinations(sorted(seen), 2):
+            places = [{number: place for place, number in seen[one].items()} for one in (first, second)]
+            both = sorted(places[0].keys() & places[1].keys())
+            matches = np.array([[one[number] for one in places] for number in both], np.uint32).reshape(-1, 2)
+            geometry = pycolmap.TwoViewGeometry()
+            geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+            geometry.inlier_matches = matches
+            database.write_matches(first, second, matches)
+            database.write_two_view_geometry(first, second, geometry)
+
+
+def test_colmap_goes_on_with_the_model_and_its_database(tmp_path: Path, network: ExactSmears) -> None:
+    registered = [k for k in range(PLANE.frames) if k != 3]
+    PLANE.write(tmp_path / "plane", registered)
+    paths, project = (tmp_path / "plane" / "model", tmp_path / "plane" / "frames"), tmp_path / "project.db"
+    write_whole_project(project, pycolmap.Reconstruction(paths[0]), 3)
+    found = recover_frames(*paths, database=project, keep_keypoints=True, network=network)  # type: ignore[arg-type]
+    image = found.model.find_image_with_name(PLANE.names[3])
+    assert (image.image_id, image.frame_id) == (99, 198) and image.num_points3D > 100
+    for name in ("recovered", "mapped"):
+        (tmp_path / name).mkdir()
+    found.model.write(tmp_path / "recovered")
+    options = pycolmap.IncrementalPipelineOptions(min_model_size=2, num_threads=1, extract_colors=False)
+    mapped = pycolmap.incremental_mapping(
+        project, paths[1], tmp_path / "mapped", options, input_path=tmp_path / "recovered"
+    )
+    assert mapped[0].num_reg_images() == PLANE.frames
 
 
 def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: ExactSmears) -> None:
