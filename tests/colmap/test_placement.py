@@ -176,7 +176,8 @@ def test_colmap_goes_on_where_a_frame_was_refused(tmp_path: Path) -> None:
     found = place_views(database, model)
     with pycolmap.Database.open(database) as opened:
         for image in found.model.images.values():
-            assert opened.read_image_with_name(image.name).frame_id == image.frame_id
+            stored = opened.read_image_with_name(image.name)
+            assert stored is not None and stored.frame_id == image.frame_id
     (tmp_path / "onward").mkdir()
     onward = pycolmap.triangulate_points(found.model, database, tmp_path, tmp_path / "onward")
     assert onward.num_reg_images() == found.model.num_reg_images() == 3 * (FRAMES - 1)
