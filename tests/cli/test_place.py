@@ -94,7 +94,7 @@ def test_chain_ends_in_files_that_both_programs_read(
             np.testing.assert_allclose(frame["transform_matrix"], in_opengl(WALK.pose_at(k)), atol=0.02)
     assert {path.name for path in ngp.parent.iterdir()} == {"transforms.json", NOTES}
     assert place(linked, "-q") == 0 and place(linked, output="model/1") == 1
-    assert "rigs.bin: is not of an earlier call; name another folder with -o" in capsys.readouterr().err
+    assert "1: would replace the model of this call; name another folder with -o" in capsys.readouterr().err
 
 
 def test_what_cannot_be_placed_is_one_line(
