@@ -9,15 +9,17 @@ line that is not its own; fails in silence; changes what was there, but a databa
 what it was not asked to.
 """
 
+import io
 import os
 import shutil
+import sqlite3
 import struct
 import subprocess
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import chdir, suppress
+from contextlib import chdir, closing, redirect_stdout, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -25,8 +27,11 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import pycolmap
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from blur2view.cli import commands
+from blur2view.files import NOTES
 from blur2view.networks.model_file import shipped_file
 from tools.command import Target, publish, run, table
 
@@ -45,7 +50,22 @@ PLACE, RECOVER = "place linked.db model frames -o placed --fraction 0.4", "recov
 SPLAT = "to-transforms views --dialect nerfstudio -o splat/transforms.json"
 ODD_NAMES = (
     "tcp:127.0.0.1:9?.mp4", "http:/127.0.0.1:9/clip.mp4", "concat:clip.mp4", "=1+1.jpg", "@good.jpg",
-    "-o.jpg", "a\nb.jpg", "\x1b[31m.jpg", "a" * 240 + ".jpg", "%s.jpg", "a#open.jpg", "x.dng", "\udcff.jpg",
+    "-o.jpg", "a\nb.jpg", "#1.jpg", " a.jpg ", "frame_00003.png",
+    "\x1b[31m.jpg", "a" * 240 + ".jpg", "%s.jpg", "a#open.jpg", "x.dng", "\udcff.jpg",
+)  # fmt: skip
+AGAIN = (  # commands that read photographs and are repeated after what they wrote was changed
+    "triage --csv table.csv --best 1 --keep keep.txt", "triage --best 2 --extract best",
+    "estimate -o out --resume", "segment -o out --resume",
+)  # fmt: skip
+ODD_ROWS = (  # statements of SQL
+    "UPDATE frames SET frame_id = frame_id + 4294967296", "UPDATE frame_data SET frame_id = 4294967307",
+    "UPDATE cameras SET params = NULL", "UPDATE keypoints SET data = NULL", "DELETE FROM keypoints",
+    "UPDATE keypoints SET cols = 2", "UPDATE keypoints SET data = zeroblob(length(data))",
+    "UPDATE images SET name = NULL", "CREATE TRIGGER t AFTER INSERT ON images BEGIN DELETE FROM cameras; END",
+    "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c",
+    "ALTER TABLE cameras RENAME TO other; CREATE VIEW cameras AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL "
+    "SELECT x + 1 FROM c) SELECT x AS camera_id, 2 AS model, 240 AS width, 180 AS height, NULL AS params, "
+    "0 AS prior_focal_length FROM c",
 )  # fmt: skip
 NEW = (  # what stands in a damaged file in place of its own bytes
     b"", b"-1", b"nan", b"9" * 6000, b'"', b"[" * 99_999, b"\0", b"\x1b[2J", b"/dev/zero",
@@ -132,15 +152,73 @@ def colliding(folder: Path, rng: Rng) -> list[str]:
     return [*words, GOOD, "other.jpg"] if command in READING else words
 
 
+def odd_rows(folder: Path, rng: Rng) -> list[str]:
+    """Write rows into a project that no program writes; return a command that reads it."""
+    name, words = drawn(rng, [("project.db", LINK), ("project.db", CAMERA), ("linked.db", PLACE)])
+    with closing(sqlite3.connect(folder / name)) as database:
+        database.execute("PRAGMA foreign_keys = OFF")
+        statement = drawn(rng, ODD_ROWS)
+        with suppress(sqlite3.Error):  # of a table that this kind of project lacks
+            database.executescript(statement)
+    return words.split()
+
+
+def odd_file(folder: Path, rng: Rng) -> list[str]:
+    """Put a file that is valid and extreme in place of a photograph or a video."""
+    kind = drawn(rng, ("sparse video", "long comment", "one bit", "narrow"))
+    if kind == "sparse video":
+        with (folder / "clip.mp4").open("ab") as video:
+            video.truncate(1 << 40)
+        return [*READING[5].split(), "--every", "5", "clip.mp4"]
+    pixels: Image.Image = Image.open(folder / GOOD)
+    text = PngInfo()
+    if kind == "long comment":
+        text.add_text("Comment", "x" * 2_000_000, zip=bool(rng.random() < 0.5))
+    pixels = pixels.convert("1") if kind == "one bit" else pixels
+    pixels = pixels.resize((16, 20_000)) if kind == "narrow" else pixels
+    pixels.save(folder / "odd.png", pnginfo=text)
+    return [*drawn(rng, READING).split(), GOOD, "odd.png"]
+
+
+def again(folder: Path, rng: Rng) -> list[str]:
+    """Repeat a call after what it wrote was changed: a table, a list, a folder of extracted pictures."""
+    words = [*drawn(rng, AGAIN).split(), GOOD, "other.jpg"]
+    before = set(folder.rglob("*"))
+    with chdir(folder), redirect_stdout(io.StringIO()):
+        if commands.main([*words, "--jobs", "1"]):
+            raise SystemExit("whole inputs are refused")
+    written = sorted(path for path in set(folder.rglob("*")) - before if path.is_file())
+    path = drawn(rng, [path for path in written if path.name != NOTES])
+    whole = path.read_bytes()
+    changed = whole
+    while changed == whole:
+        changed = mutated(whole, rng)
+    path.write_bytes(changed)
+    return words
+
+
+def little_memory(folder: Path, rng: Rng) -> list[str]:
+    """Return a command that gets an address space of some hundreds of megabytes (`try_case`)."""
+    return drawn(rng, (*(f"{one} {GOOD}" for one in READING), PLACE, RECOVER)).split()
+
+
+LITTLE = "little memory"
 KINDS: dict[str, Callable[[Path, Rng], list[str]]] = {
-    "damaged": damaged, "oddly named": named, "output is an input": colliding
+    "damaged": damaged, "oddly named": named, "output is an input": colliding, "odd rows": odd_rows,
+    "odd file": odd_file, "changed since": again, LITTLE: little_memory,
 }  # fmt: skip
+
+
+def read_start(path: Path) -> bytes:
+    """Return a file's content, of a sparse one that fits no memory its start."""
+    with path.open("rb") as file:
+        return file.read(1 << 26)
 
 
 def snapshot(folder: Path) -> dict[str, object]:
     """Return the bytes of files and the targets of links by their names; None of devices and pipes."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
-    read = [p.readlink() if p.is_symlink() else p.read_bytes() if p.is_file() else None for p in paths]
+    read = [p.readlink() if p.is_symlink() else read_start(p) if p.is_file() else None for p in paths]
     return {str(path.relative_to(folder)): content for path, content in zip(paths, read, strict=True)}
 
 
@@ -155,7 +233,7 @@ def complaints(
     found += [f"foreign line {line[:200]}" for line in lines if not line.startswith("blur2view")][:1]
     found += ["fails in silence"] if done.returncode and not lines else []
     asked = tuple(word.split("/")[0] for option, word in pairwise(words) if option in OUTPUTS)
-    linked = asked if "--link" in words else ()  # and files beside that database
+    linked = asked if {"--link", "--resume"} & set(words) else ()  # and files beside that database
     after = snapshot(folder)
     for name in before.keys() | after.keys():
         if name in before and before[name] != after.get(name) and not (linked and name.startswith(linked)):
@@ -174,7 +252,8 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, list[str]]:
     kind = drawn(rng, list(KINDS))
     words = KINDS[kind](folder, rng)
     before = snapshot(folder)
-    program = ["timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", "blur2view", *words]
+    limit = ["prlimit", f"--as={int(rng.integers(200, 900)) << 20}"] if kind == LITTLE else []
+    program = [*limit, "timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", "blur2view", *words]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(place)}
     done = subprocess.run(
         program, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, errors="replace"
