@@ -31,6 +31,13 @@ def program() -> int:
     except KeyboardInterrupt:  # during an import
         print("blur2view: interrupted", file=sys.stderr)
         return 130
+    except (ImportError, MemoryError) as error:  # likewise, as little memory may do
+        reason = " ".join(str(error).split()) or "too little memory"
+        print(
+            f"blur2view: a library cannot be loaded ({reason}); free memory, or install it again",
+            file=sys.stderr,
+        )
+        return 1
 
 
 if __name__ == "__main__":

@@ -55,6 +55,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         fewer = ", or add --jobs 1" if hasattr(options, "many") else ""
         complain(Blur2ViewError(f"too little memory; free some{fewer}"))
+    except (ImportError, RuntimeError) as error:  # pycolmap raises the latter
+        if not isinstance(error, ImportError) and "Cannot import" not in str(error):
+            raise
+        reason = " ".join(str(error).split())
+        complain(Blur2ViewError(f"a library cannot be loaded ({reason}); free memory, or install it again"))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED

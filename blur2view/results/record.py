@@ -166,7 +166,9 @@ class Record:
     )
     version: str = explained("The version of blur2view.", "")
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
-    input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
+    input_sha256: str = explained(
+        "SHA-256 of the photograph's file, or of its video's, over 4 GiB of its size, start and end.", ""
+    )
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
     files_sha256: str = explained("SHA-256 of the files that were written beside this document.", "")
 

@@ -10,9 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
+from blur2view.cli import commands
 from blur2view.cli import run as over_photographs
+from blur2view.cli.jobs import _digest_of
 from blur2view.pipeline import estimate
-from tests.support.calls import Call
+from tests.support.calls import Call, call_program
 from tests.support.many_photographs import command, environment
 
 
@@ -85,3 +87,28 @@ def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
 def test_help_that_cannot_be_printed_is_a_failure(words: str) -> None:
     done = program(*words.split(), closed="> /dev/full")
     assert done.returncode == 1 and "cannot be used (No space left on device)" in done.stderr
+
+
+def test_a_library_that_cannot_be_loaded_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for error in (
+        ImportError("cv2.so: failed to map segment"),
+        RuntimeError("\nCannot import the C++ backend"),
+    ):
+
+        def fails(words: object, error: Exception = error) -> None:
+            raise error
+
+        monkeypatch.setattr(commands, "parse", fails)
+        done = call_program(capsys, "estimate", "a.jpg")
+        assert done == 1 and "a library cannot be loaded (" in done.line
+
+
+def test_a_video_of_a_tebibyte_is_not_read_whole(tmp_path: Path) -> None:
+    with (tmp_path / "clip.mp4").open("wb") as video:
+        video.truncate(1 << 40)
+    first = _digest_of(tmp_path / "clip.mp4")
+    with (tmp_path / "clip.mp4").open("r+b") as video:
+        video.write(b"otherwise")
+    assert len(first) == 64 and _digest_of(tmp_path / "clip.mp4") != first
