@@ -68,9 +68,6 @@ def check_project(database: Path, names: Iterable[str]) -> dict[str, int]:
     """Return the ids of a project's images; DatabaseError if keypoints cannot be added to those named."""
     with open_read_only(database) as source:
         check_schema(source)
-        kinds = "SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')"
-        for kind, name in source.execute(kinds):
-            raise ValueError(f"has a {kind} of its own, {name}, and COLMAP's has none; remove it from a copy")
         ids = image_names(source)
         for name in names:
             if name not in ids:

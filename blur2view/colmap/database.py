@@ -241,9 +241,10 @@ def _put_images(
     ids, time = [], views.time
     for role, name in zip(("open", "close"), views.names, strict=True):
         row = {"image_id": own.get(role), "name": name, "camera_id": camera_id}
-        ids.append(_insert(database, "images", row))
+        ids.append(_insert(database, "images", row, below=project.MAX_IMAGES))
         if with_frames:
-            frame_id = _insert(database, "frames", {"rig_id": project.rig_of(database, camera_id)})
+            rig = {"rig_id": project.rig_of(database, camera_id)}
+            frame_id = _insert(database, "frames", rig, below=project.MAX_FRAMES)
             sensor = {"sensor_id": camera_id, "sensor_type": project.CAMERA_SENSOR}
             _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})
         entry = {"image_id": ids[-1], "photograph": views.name, "role": role}
@@ -253,10 +254,17 @@ def _put_images(
     return ids[0], ids[1]
 
 
-def _insert(database: sqlite3.Connection, table: str, row: Mapping[str, object]) -> int:
-    """Insert a row and return its id."""
+def _insert(
+    database: sqlite3.Connection, table: str, row: Mapping[str, object], *, below: int = 2**63
+) -> int:
+    """Insert a row and return its id; ValueError if SQLite counts on ``below`` a number that COLMAP holds."""
     sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
-    return int(database.execute(sql, tuple(row.values())).lastrowid or 0)
+    number = int(database.execute(sql, tuple(row.values())).lastrowid or 0)
+    if not 0 <= number < below:
+        raise ValueError(
+            f"its {table} are numbered up to {number - 1}, the most that COLMAP holds; make a new one"
+        )
+    return number
 
 
 def back_up(path: Path) -> Path:

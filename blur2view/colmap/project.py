@@ -23,6 +23,9 @@ from blur2view.errors import CameraError, DatabaseError
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647  # COLMAP's kMaxNumImages, by which a pair's id is made
+MAX_FRAMES = 2**32 - 1  # COLMAP's kInvalidFrameId
+TABLES = {"cameras", "images", "keypoints", "descriptors", "matches", "two_view_geometries", "pose_priors"}
+TABLES |= {"rigs", "rig_sensors", "frames", "frame_data", "blur2view_views"}  # that are read
 MAX_PARAMETERS = 32  # of a camera (bound): no model has half as many
 CAMERA_SENSOR = 0
 RIG_OF_CAMERA = f"""
@@ -56,6 +59,7 @@ def open_read_only(path: Path) -> Iterator[Connection]:
         with closing(connect(path, "immutable=1" if settled else "mode=ro&readonly_shm=1")) as database:
             database.execute("BEGIN")
             database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
+            _refuse_views(database)
             yield database
         after = path.stat()
         if settled and (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
@@ -68,6 +72,8 @@ def open_for_writing(path: Path) -> Iterator[Connection]:
     with database_errors(path), closing(connect(path, "mode=rw")) as database:
         database.execute("PRAGMA foreign_keys = ON")
         database.execute("BEGIN IMMEDIATE")
+        _refuse_views(database)
+        _refuse_triggers(database)
         yield database
         database.execute("COMMIT")
 
@@ -98,7 +104,7 @@ def connect(path: Path, query: str) -> Connection:
 
 
 def check_schema(database: Connection) -> None:
-    """Raise ValueError if a database is damaged, or written by a newer COLMAP than is known."""
+    """Raise ValueError if a database is damaged, has triggers, or is of a newer COLMAP than is known."""
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
         known = f"version {version}, known up to {NEWEST_KNOWN}"
@@ -106,6 +112,20 @@ def check_schema(database: Connection) -> None:
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
         raise ValueError(f"is damaged ({damage}); restore a backup")
+    _refuse_triggers(database)
+
+
+def _refuse_views(database: Connection) -> None:
+    """Raise ValueError if a table of COLMAP's is a view of SQL, which may never end."""
+    for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'view'").fetchall():
+        if name.lower() in TABLES:
+            raise ValueError(f"its {name} are a view of SQL, where COLMAP has a table; restore a backup")
+
+
+def _refuse_triggers(database: Connection) -> None:
+    """Raise ValueError if a write may start a trigger, which may change rows of the user's."""
+    for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'"):
+        raise ValueError(f"has a trigger of its own, {name}, and COLMAP's has none; remove it from a copy")
 
 
 def image_names(database: Connection) -> dict[str, int]:
@@ -163,6 +183,8 @@ def read_camera(database: Connection, camera_id: int) -> Camera:
 
     sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
     model, width, height, params = database.execute(sql, (camera_id,)).fetchone()  # of any type
+    if not isinstance(params, bytes):
+        raise ValueError(f"camera {camera_id} is damaged, it has no parameters; let COLMAP write it again")
     try:
         kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MAX_PARAMETERS].tolist())

@@ -10,8 +10,14 @@ import pycolmap
 import pytest
 
 from blur2view.colmap.database import ProjectImage, plan_links, write_links
-from blur2view.colmap.project import MAX_IMAGES, image_names, open_for_writing, smear_lengths
-from blur2view.errors import DatabaseError
+from blur2view.colmap.project import (
+    MAX_IMAGES,
+    camera_of_database,
+    image_names,
+    open_for_writing,
+    smear_lengths,
+)
+from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
 from tests.support.colmap_projects import (
@@ -131,8 +137,36 @@ SQL_FAULTS = {
     "name a blob": "UPDATE images SET name = x'00FF' WHERE image_id = 3",
     "last id": f"INSERT INTO images VALUES ({MAX_IMAGES - 1}, 'last.jpg', 1)",
     "counter at its end": "UPDATE sqlite_sequence SET seq = 9223372036854775807",
+    "params missing": "UPDATE cameras SET params = NULL",
+    "endless view": "ALTER TABLE cameras RENAME TO c; CREATE VIEW cameras AS WITH RECURSIVE n(k) AS "
+    "(VALUES(1) UNION ALL SELECT k + 1 FROM n) SELECT k AS camera_id, c.* FROM n, c",
+    "trigger": "CREATE TRIGGER t AFTER INSERT ON images BEGIN DELETE FROM keypoints; END",
+    "frames of 64 bits": "UPDATE sqlite_sequence SET seq = 4294967300 WHERE name = 'frames'",
+    "images of 64 bits": "UPDATE sqlite_sequence SET seq = 4294967300 WHERE name = 'images'",
     "all empty": "DELETE FROM images; DELETE FROM cameras; DELETE FROM keypoints",
 }
+
+
+@pytest.mark.parametrize(
+    ("fault", "line"),
+    [
+        ("params missing", "camera 1 is damaged, it has no parameters; let COLMAP write it again"),
+        ("endless view", "its cameras are a view of SQL, where COLMAP has a table"),
+        ("trigger", "has a trigger of its own, t, .* remove it"),
+        ("frames of 64 bits", "its frames are numbered up to 4294967300, the most that COLMAP holds"),
+    ],
+)
+def test_a_project_that_colmap_could_not_read_is_refused(path: Path, fault: str, line: str) -> None:
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("PRAGMA foreign_keys = OFF;" + SQL_FAULTS[fault])
+    with pytest.raises(DatabaseError, match=line):
+        plan = only_plan(path)
+        if isinstance(plan, DatabaseError):
+            raise plan
+        write_links(path, [views_of(plan)], backup=False)
+    if fault == "endless view":
+        with pytest.raises(CameraError, match=line):
+            camera_of_database(path)
 
 
 def test_a_backup_is_what_was_there(path: Path) -> None:

@@ -329,7 +329,7 @@ DAMAGES = {
     "has a trigger of its own, mine": (
         "CREATE TRIGGER mine AFTER INSERT ON matches BEGIN SELECT RAISE(ABORT, 'no'); END"
     ),
-    "has a view of its own, mine": "CREATE VIEW mine AS SELECT * FROM images",
+    "its matches are a view of SQL": "DROP TABLE matches; CREATE VIEW matches AS SELECT 1 AS pair_id",
 }
 
 
@@ -337,7 +337,7 @@ DAMAGES = {
 def test_project_that_takes_no_tracks_is_refused_before_any_matching(tmp_path: Path, reason: str) -> None:
     write_project(tmp_path / "project.db", np.ones((1, 6), np.float32))
     with closing(sqlite3.connect(tmp_path / "project.db")) as opened:
-        opened.execute(DAMAGES[reason])
+        opened.executescript(DAMAGES[reason])
         opened.commit()
     with pytest.raises(DatabaseError, match=reason):
         check_project(tmp_path / "project.db", PLANE.names)
