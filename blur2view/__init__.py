@@ -32,6 +32,8 @@ The method follows "Robust Fundamental Matrix Estimation from Single Image Motio
 Viksten), called "the paper" in this package.
 """
 
+import sys
+import warnings
 import zlib  # noqa: F401  or else pycolmap's own comes first, and the first PNG that is written aborts
 from importlib import import_module
 from typing import Any
@@ -42,6 +44,15 @@ with open(f"{__file__}i", encoding="utf-8") as _stub:  # __init__.pyi
     _MODULE_OF = {line.split()[-1]: line.split()[1] for line in _stub if line.startswith("from ")}
 """Public names and where they live, as the stub lists them for type checkers."""
 __all__ = ["__version__", *sorted(_MODULE_OF)]
+
+_IMPORTED = list(sys.modules)  # in order
+if "pycolmap" in _IMPORTED and not {"cv2", "zlib"} & set(_IMPORTED[: _IMPORTED.index("pycolmap")]):
+    warnings.warn(
+        "pycolmap was imported before blur2view, so that its zlib is used in place of Python's, and the first "
+        "PNG that is written ends or blocks the process; import blur2view first",
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 
 def __getattr__(name: str) -> Any:

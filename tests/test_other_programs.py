@@ -1,4 +1,4 @@
-"""No file that a user names makes another program run, and an estimate opens no socket."""
+"""No file makes another program run, an estimate opens no socket, and libraries get along."""
 
 import os
 import shutil
@@ -28,6 +28,20 @@ def test_a_photograph_that_is_a_program_starts_none(tmp_path: Path) -> None:
     assert call.returncode == 1 and len(call.stderr.splitlines()) == len(NAMES), call.stderr
     assert "a.jpg: is not a readable image; convert it to JPEG, PNG or TIFF" in call.stderr
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("program", "warns"),
+    [
+        ("import pycolmap, blur2view", True),
+        ("import blur2view, pycolmap", False),
+        ("import zlib, pycolmap, blur2view", False),
+    ],
+)
+def test_a_process_that_would_die_of_pycolmaps_zlib_is_warned(program: str, warns: bool) -> None:
+    words = [sys.executable, "-W", "error::RuntimeWarning", "-c", program]
+    call = subprocess.run(words, env=environment(), capture_output=True, text=True, timeout=60)
+    assert ("import blur2view first" in call.stderr) == warns == (call.returncode != 0)
 
 
 @pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
