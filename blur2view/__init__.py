@@ -48,7 +48,7 @@ __all__ = ["__version__", *sorted(_MODULE_OF)]
 _IMPORTED = list(sys.modules)  # in order
 if "pycolmap" in _IMPORTED and not {"cv2", "zlib"} & set(_IMPORTED[: _IMPORTED.index("pycolmap")]):
     warnings.warn(
-        "pycolmap was imported before blur2view, so that its zlib is used in place of Python's, and the first "
+        "pycolmap was imported before blur2view, so that its zlib takes the place of Python's, and the first "
         "PNG that is written ends or blocks the process; import blur2view first",
         RuntimeWarning,
         stacklevel=2,
