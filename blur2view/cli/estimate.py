@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.cli.jobs import Job, Outcome
-from blur2view.cli.options import Command, Folder, InTime
+from blur2view.cli.options import Command, Document, Folder, InTime, Order
 from blur2view.cli.parser import flag, rare_option
 from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
 from blur2view.cli.terminal import verdict_line
@@ -61,6 +61,8 @@ class EstimateOptions(Command):
     """
 
     folder: Folder = Folder()
+    document: Document = Document()
+    order: Order = Order()
     in_time: InTime = InTime()
     gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow,
         called as the video but .gcsv, with --focal or --camera: those of frames of which it is known which

@@ -43,7 +43,8 @@ class Job:
     content: bytes = b""  # of its file
     matches: Mapping[int, Matches] = field(default_factory=dict)  # with its neighbours, by steps in time
     input_sha256: str = ""  # of its file
-    options_sha256: str = ""  # of the call's options, and of all else that its result depends on
+    call_sha256: str = ""  # of the call's options, network and version
+    job_sha256: str = ""  # of these and of all else that its result depends on
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,9 +257,9 @@ def _identified(job: Job) -> Job:
     content = job.source.read() if alone else b""
     own = hashlib.sha256(content).hexdigest() if alone else _digest_of(job.source.path)
     near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
-    every = job.options_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
+    every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
-    return replace(job, input_sha256=own, options_sha256=digest, content=content)
+    return replace(job, input_sha256=own, job_sha256=digest, content=content)
 
 
 def _digest_of(path: Path) -> str:

@@ -123,15 +123,21 @@ class CameraStated:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Order:
+    """Time."""
+
+    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
+        after each one show which end of its exposure came first, so that rates are one series; with
+        --no-sequence not even the frames of a video do (default: those of a video)""")
+
+
+@dataclass(frozen=True, kw_only=True)
 class InTime:
     """Time."""
 
     exposure: Annotated[float | None, exposure_s] = option("""--exposure S: exposure time in seconds, as 0.04,
         1/25 or 40ms, with --focal or --camera: the angular velocity is the rotation over it (default: that of
         EXIF)""")
-    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
-        after each one show which end of its exposure came first, so that rates are one series; with
-        --no-sequence not even the frames of a video do (default: those of a video)""")
     readout: Annotated[float | None, seconds] = rare_option("""--readout S: of a rolling shutter, with --focal
         or --camera: seconds from the start of exposure of the first row to that of the last one; rows are
         those of the file as stored. A point that moves with the rows is seen for longer, so the motion
@@ -205,12 +211,18 @@ class Many:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Document:
+    """Output."""
+
+    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Folder:
     """Output."""
 
     output: Path | None = option("""-o, --output DIR: write files of each photograph, see below, into DIR, in
         place of those of an earlier call""")
-    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
     resume: bool = flag("""--resume: with -o: skip photographs whose results in DIR are all there, and of the
         same content, options, network and version; do the others""")
 
@@ -239,8 +251,8 @@ class Command:
     many: Many = Many()
     printing: Printing = Printing()
 
-    in_time = InTime(sequence=False)  # unless a command has these options
-    folder = Folder()  # unless a command has these options
+    order, in_time = Order(sequence=False), InTime()  # unless a command has these options
+    folder, document = Folder(), Document()  # likewise
     exit_codes = {
         "0": "done",
         "1": "a photograph failed, with one line on stderr each; others are done all the same",
@@ -249,7 +261,7 @@ class Command:
     as_stored = False  # whether photographs are taken as they are stored, not upright
 
     def __post_init__(self) -> None:
-        if getattr(self, "json", self.folder.json) and self.table.csv == STANDARD_OUTPUT:
+        if self.document.json and self.table.csv == STANDARD_OUTPUT:
             raise ValueError("--json and --csv - both print to standard output; name a file with --csv")
         if self.many.dask is not None and self.stated_camera.database is not None:
             raise ValueError("the workers of --dask see no database; write its camera out")
@@ -258,4 +270,4 @@ class Command:
     @property
     def silent(self) -> bool:
         """Whether no summaries are printed, as asked, or because a document or a table is."""
-        return self.printing.quiet or self.folder.json or self.table.csv == STANDARD_OUTPUT
+        return self.printing.quiet or self.document.json or self.table.csv == STANDARD_OUTPUT

@@ -34,7 +34,7 @@ MESSAGES = {
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
-    "^unrecognized arguments: (.*)": r"\1 is too much; name one",
+    "^unrecognized arguments: (.*)": r"unexpected argument: \1",
     r"invalid \w+ value: ": "expected a number, got ",
 }
 """Patterns in the words of argparse, and what is printed in their place."""

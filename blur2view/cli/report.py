@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.cli.jobs import Job, Outcome
-from blur2view.cli.options import Command, InTime
+from blur2view.cli.options import Command, InTime, Order
 from blur2view.cli.parser import option
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.terminal import printable, verdict_line
@@ -33,6 +33,7 @@ class ReportOptions(Command):
     )
     mask: bool = option("--no-mask: without the motion mask: faster", True)
     in_time: InTime = InTime()
+    order: Order = Order()
 
     exit_codes = Command.exit_codes | {
         "130": "interrupted by Ctrl-C; the page of the photographs that are done is written"

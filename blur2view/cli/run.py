@@ -79,7 +79,7 @@ class Run:
         """Yield a job for each photograph, with its files if a folder of results is named."""
         inputs, folder, digest = self.inputs, self.options.folder.output, digest_of(self.options)
         read, first_of = inputs.read, dict[Path, Source]()
-        near = neighbours_of(inputs.sources, self.options.in_time.sequence)
+        near = neighbours_of(inputs.sources, self.options.order.sequence)
         named = zip(inputs.sources, inputs.names(), inputs.result_names(), near, strict=True)
         for source, name, stem, neighbours in named:
             files: list[Path] = []
@@ -103,7 +103,7 @@ class Run:
                 files=tuple(files),
                 neighbours=neighbours,
                 refusal=refusal,
-                options_sha256=digest,
+                call_sha256=digest,
             )
 
     def do(
@@ -139,7 +139,7 @@ class Run:
             complain(error)
             self._end_early(FAILED, "stopped")
         self.seconds = time.monotonic() - start
-        if self.options.folder.json:
+        if listed and self.options.document.json:
             records = [outcome.record.to_dict() for outcome in self.done]
             print(json.dumps({listed: records, "failures": self.failures}, indent=2, allow_nan=False))
         self._write_table()
@@ -187,7 +187,7 @@ class Run:
             whole = record.files_sha256 == digest_of_files(map(read_regular, job.files[:-1]))
         except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
             return None  # none, or cut off, or changed
-        same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.options_sha256)
+        same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.job_sha256)
         if not same or not whole:
             return None
         summary = f"{printable(str(job.source))}: done before"
@@ -265,7 +265,7 @@ def digest_of(options: Command) -> str:
     digests = [file_digest(file) if file is not None and file.is_file() else "" for file in files]
     stated = [option.name for option in fields(options) if option.metadata and "Path" not in str(option.type)]
     own = {name: getattr(options, name) for name in stated}
-    groups = options.stated_camera, options.estimating, options.in_time
+    groups = options.stated_camera, options.estimating, options.order, options.in_time
     every = type(options).__name__, __version__, digests, groups, own
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
@@ -329,7 +329,7 @@ def estimate_file(
         "seed": estimating.seed,
         "version": __version__,
         "input_sha256": job.input_sha256,
-        "options_sha256": job.options_sha256,
+        "options_sha256": job.job_sha256,
     }
     if job.neighbours:
         found = in_time(found, job.matches)

@@ -8,7 +8,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.jobs import Job, Outcome
-from blur2view.cli.options import Command, Folder
+from blur2view.cli.options import Command, Document, Folder
 from blur2view.cli.parser import flag, one_of, option, probability
 from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
 from blur2view.cli.terminal import printable
@@ -45,6 +45,7 @@ class SegmentOptions(Command):
 
     # a field here is part of what --resume compares, unless its type is a Path (`run.digest_of`)
     folder: Folder = Folder()
+    document: Document = Document()
     threshold: Annotated[float, probability] = option(
         """--threshold P: probability that the highest place of a part must reach (default: %(default)s);
         a lower one misses less of what moves, and marks more of what stands still""",

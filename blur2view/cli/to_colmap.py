@@ -3,14 +3,13 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
 from blur2view.cli.jobs import Job, Outcome
-from blur2view.cli.options import Command, InTime
-from blur2view.cli.parser import flag, option, rare_option, required
+from blur2view.cli.options import Command, Document, Order
+from blur2view.cli.parser import flag, rare_option, required
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.database import check_target, plan_links, write_database, write_links
@@ -65,11 +64,9 @@ class ToColmapOptions(Command):
     """
 
     db: Path = required("--db DB: the database: a new one, or with --link yours")
-    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
     link: bool = flag("--link: add to a database that holds the photographs and their features")
-    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
-        after each one show which view came first; with --no-sequence not even the frames of a video do
-        (default: those of a video)""")
+    order: Order = Order()
+    document: Document = Document()
     backup: bool = rare_option(
         "--no-backup: with --link: do not copy the database to DB.<time>.bak first", True
     )
@@ -92,11 +89,6 @@ class ToColmapOptions(Command):
         if self.link and self.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
 
-    @cached_property
-    def in_time(self) -> InTime:  # type: ignore[override]  # a field of other commands
-        """The order in time, which is all of time that has an option."""
-        return InTime(sequence=self.sequence)
-
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing all of them at once.
 
@@ -117,7 +109,7 @@ class ToColmapOptions(Command):
             else:
                 write_database(db, views)
         records = [views_record(*each) for each in done]
-        if self.json:
+        if self.document.json:
             kept = None if backup is None else str(backup)
             document = {"target": str(db), "backup": kept, "photographs": records}
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
