@@ -38,11 +38,11 @@ DESCRIPTION = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, by default with the process's arguments; return one of the `EXIT_CODES`."""
+    options: Any = None
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
         try:
-            options: Any = None
             options = parse(sys.argv[1:] if arguments is None else arguments)
             code: int = options.execute()
         except SystemExit as end:  # of argparse, after a help or wrong usage
@@ -52,14 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except Blur2ViewError as error:
         complain(error)
-    except MemoryError:
-        fewer = ", or add --jobs 1" if hasattr(options, "many") else ""
-        complain(Blur2ViewError(f"too little memory; free some{fewer}"))
-    except (ImportError, RuntimeError) as error:  # pycolmap raises the latter
-        if not isinstance(error, ImportError) and "Cannot import" not in str(error):
-            raise
-        reason = " ".join(str(error).split())
-        complain(Blur2ViewError(f"a library cannot be loaded ({reason}); free memory, or install it again"))
+    except (MemoryError, ImportError, RuntimeError) as error:
+        complain(_of_system(error, jobs=hasattr(options, "many")))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
@@ -71,6 +65,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name = error.filename or "what is printed, or the current folder"
         complain(Blur2ViewError(f"{name}: cannot be used ({error.strerror}); check path and permissions"))
     return FAILED
+
+
+def _of_system(error: Exception, *, jobs: bool) -> Blur2ViewError:
+    """Return the line of an error that comes of little memory, whatever raises it; any other is raised."""
+    said = " ".join(str(error).split())
+    if isinstance(error, MemoryError) or "start new thread" in said:
+        return Blur2ViewError(f"too little memory; free some{', or add --jobs 1' if jobs else ''}")
+    if isinstance(error, ImportError) or "Cannot import" in said:  # of pycolmap
+        return Blur2ViewError(f"a library cannot be loaded ({said}); free memory, or install it again")
+    raise error
 
 
 def parse(words: Sequence[str]) -> Any:

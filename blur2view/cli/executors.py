@@ -108,7 +108,8 @@ def _end_with_parent() -> None:
 def connected(address: str) -> tuple[Any, type[Exception]]:
     """Return a client of a Dask scheduler, and the error of a job that killed its workers.
 
-    A scheduler that does not answer in time is RunError, as another program at the address may wait for ever.
+    A scheduler that does not answer in time is RunError, because another program at the address may wait for
+    ever.
     """
     try:
         import distributed

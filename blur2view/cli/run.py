@@ -57,11 +57,11 @@ class Run:
         self.early_exit_code = DONE  # another one if it was interrupted or nothing can be done any more
         self.seconds = 0.0
         self.table: Path | None = None  # once it is written
-        self.without_table = False  # as it could not be written
+        self.without_table = False  # because it could not be written
 
     @property
     def done(self) -> list[Outcome]:
-        """The outcomes that are no failures."""
+        """The outcomes that are not failures."""
         return [outcome for _, outcome in self.outcomes if not outcome.error]
 
     @property
@@ -214,7 +214,7 @@ class Run:
             complain(RunError(line))
 
     def _write_table(self) -> None:
-        """Write the table; one that cannot be written is a line, as all else is of use without it."""
+        """Write the table; one that cannot be written is one line, because the rest is of use."""
         table = self.options.table.csv
         rows = [outcome.record for job, outcome in self.outcomes if job.refusal is None]
         if table == STANDARD_OUTPUT and rows:

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.cli import commands
 from blur2view.cli import run as over_photographs
 from blur2view.cli.jobs import _digest_of
+from blur2view.cli.to_transforms import ToTransformsOptions
 from blur2view.pipeline import estimate
 from tests.support.calls import Call, call_program
 from tests.support.many_photographs import command, environment
@@ -89,20 +89,24 @@ def test_help_that_cannot_be_printed_is_a_failure(words: str) -> None:
     assert done.returncode == 1 and "cannot be used (No space left on device)" in done.stderr
 
 
-def test_a_library_that_cannot_be_loaded_is_one_line(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ImportError("cv2.so: failed to map segment"), "a library cannot be loaded (cv2.so: failed"),
+        (RuntimeError("\nCannot import the C++ backend"), "a library cannot be loaded (Cannot import"),
+        (RuntimeError("can't start new thread"), "too little memory; free some\n"),
+        (MemoryError(), "too little memory; free some\n"),
+    ],
+)
+def test_little_memory_is_one_line_without_an_option_that_is_not_there(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, error: Exception, line: str
 ) -> None:
-    for error in (
-        ImportError("cv2.so: failed to map segment"),
-        RuntimeError("\nCannot import the C++ backend"),
-    ):
+    def fails(options: object) -> None:
+        raise error
 
-        def fails(words: object, error: Exception = error) -> None:
-            raise error
-
-        monkeypatch.setattr(commands, "parse", fails)
-        done = call_program(capsys, "estimate", "a.jpg")
-        assert done == 1 and "a library cannot be loaded (" in done.line
+    monkeypatch.setattr(ToTransformsOptions, "execute", fails)
+    done = call_program(capsys, "to-transforms", "model")
+    assert done == 1 and done.err.startswith(f"blur2view: {line}") and done.err.count("\n") == 1
 
 
 def test_a_video_of_a_tebibyte_is_not_read_whole(tmp_path: Path) -> None:
