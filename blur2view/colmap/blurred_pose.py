@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array, Mask
 from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.blur_matching import blur_equations, blurred_along, match_patches, resampled
+from blur2view.colmap.blur_matching import blur_equations, blurred_along, equalised, match_patches, resampled
 from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.images.pixels import from_resized
@@ -35,10 +35,11 @@ BORDER_PX = 3.0  # points nearer to the border are not used
 FAR_PX = 1e4  # bound of the warp and the blur: cv2.remap mirrors what is far outside again and again
 MAX_WARP_PX = 6.0  # between the projection of a point into a neighbour and the warp by the smooth depth
 ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # share of the working size, and pyramid levels of the tracker
-FLOOR_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
+FLOOR_SIGMA_PX = 0.3  # of smears, and of pixels beside what the patch itself says
 KERNEL_PATCHES = 600  # of a neighbour, from which the motion is corrected
 KERNEL_SIGMA = 0.3  # of a correction of the motion, relative to its rotation
 MIN_POSE_POINTS = 6  # of a pose
+SEARCH_SCALE = 0.25  # of the working size, where a pose is searched
 FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
 
@@ -107,17 +108,25 @@ def find_pose(
     for scale, levels in ROUNDS:
         here = replace(view.scaled(scale), pose=pose)
         there = [neighbour.scaled(scale) for neighbour in neighbours]
-        matches = _find_matches(here, there, world, seen, motion, levels)
-        if matches is None:
+        found = _find_matches(here, there, world, seen, motion, levels)
+        if found is None:
             return None
-        index, places, covariance, equations = matches
-        pose, information = fit_pose(here.camera, pose, world[index], places, covariance)
+        numbers, pixels, covariance, equations = found
+        pose, information = fit_pose(here.camera, pose, world[numbers], pixels, covariance)
         if levels:
             motion = _corrected(motion, equations, expected)
-    index, places = _means(index, places, covariance)
-    residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
-    missed, tried = float(np.median(residual)), int(inside.sum())
-    return BlurredPose(pose, information, motion, smear_motion, index, places, missed, tried)
+    numbers, pixels = _means(numbers, pixels, covariance)
+    residual = np.linalg.norm(pixels - replace(view, pose=pose).project(world[numbers]), axis=1)
+    return BlurredPose(
+        pose=pose,
+        information=information,
+        motion=motion,
+        smear_motion=smear_motion,
+        numbers=numbers,
+        pixels=pixels,
+        residual_px=float(np.median(residual)),
+        tried=int(inside.sum()),
+    )
 
 
 def projected(camera: Any, points: Array) -> Array:
@@ -169,7 +178,7 @@ def same_sense(vectors: Array, reference: Array) -> Array:
     return np.asarray(vectors * np.where((vectors * reference).sum(axis=1) < 0, -1.0, 1.0)[:, None])
 
 
-def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:
+def fit_pose(camera: Any, pose: Array, world: Array, pixels: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the pose (3, 4) of points (N, 3) at pixels (N, 2), by Cauchy's weights, and its information.
 
     The pixels err by covariances (N, 2, 2), long along smears, which pycolmap's and OpenCV's refinements do
@@ -179,7 +188,7 @@ def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: 
     for _ in range(POSE_STEPS):
         points = world @ pose[:, :3].T + pose[:, 3]
         points[:, 2] = np.maximum(points[:, 2], TINY)
-        missed = (whiten @ (places - projected(camera, points))[..., None])[..., 0]
+        missed = (whiten @ (pixels - projected(camera, points))[..., None])[..., 0]
         rows = whiten @ image_flow(camera, points)
         weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
         normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
@@ -192,56 +201,106 @@ def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: 
     return pose, normal
 
 
-def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
-    """Return smooth inverse depths (N,) at places (N, 2) from depths (M,) of points at pixels (M, 2)."""
-    near, index = cKDTree(pixels).query(places, k=min(NEAREST, len(pixels)))
-    near, index = near.reshape(len(places), -1), index.reshape(len(places), -1)
+def inverse_depth_at(at: Array, pixels: Array, depth: Array) -> Array:
+    """Return smooth inverse depths (N,) at pixels (N, 2) from depths (M,) of points at pixels (M, 2)."""
+    near, index = cKDTree(pixels).query(at, k=min(NEAREST, len(pixels)))
+    near, index = near.reshape(len(at), -1), index.reshape(len(at), -1)
     weight = 1 / (near + SMOOTH_PX) ** 2
     return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
 
 
+class _Matches(NamedTuple):
+    """Points that were found in a photograph, some of them in several neighbours."""
+
+    numbers: NDArray[np.int_]  # (M,) indices of the points
+    pixels: Array  # (M, 2) where they were found
+    covariance: Array  # (M, 2, 2)
+    equations: Array  # (9, 10) for the motion's correction, `blur_equations`
+
+
 def _find_matches(
     view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], motion: Array, levels: int
-) -> tuple[NDArray[np.int_], Array, Array, Array] | None:
-    """Return indices (M,) of points found, pixels (M, 2), covariances (M, 2, 2), and `blur_equations`."""
-    camera, points = view.camera, view.points(world)
-    pixels = projected(camera, points)
-    inside = _inside(camera, pixels)
+) -> _Matches | None:
+    """Return the points (N, 3) of the world that are found in a view; None of fewer than a pose needs."""
+    pixels = view.project(world)
+    inside = _inside(view.camera, pixels)
     if not inside.any():
         return None
-    lattice = _lattice(camera)
-    depth = 1 / inverse_depth_at(lattice, pixels[inside], points[inside, 2])
-    rays = np.column_stack([normalised_points(camera, lattice), np.ones(len(lattice))])
-    surface = np.nan_to_num(rays) * depth[:, None]
-    flow = image_flow(camera, surface)
+    surface = _surface(view, world[inside])
+    flow = image_flow(view.camera, surface)
     path, bend = flow @ motion[:6], flow[:, :, :3] @ motion[6:]
     warps = [_warp(neighbour, view, surface, path) for neighbour in neighbours]
-    scene = np.dstack([picture for picture, _, _ in warps])
-    fields = _everywhere(camera, path), _everywhere(camera, bend) if bend.any() else None
-    blurred = blurred_along(scene, *fields, moments=levels > 0)
-    found, equations = [], np.zeros((9, 10))
-    for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
-        index = np.flatnonzero(inside & seen[number])
-        if not len(index):
-            continue
-        at = pixels[index]
-        there = neighbour.project(world[index]) - resampled(where, np.asarray(at, np.float32)[:, None])[:, 0]
-        pictures = [np.ascontiguousarray(picture[..., number]) for picture in blurred]
-        other = blurred_along(view.image, smears)[0]
-        moved, covariance, matched = match_patches(pictures[0], other, at, levels)
-        good = matched & (np.linalg.norm(there, axis=1) < MAX_WARP_PX)  # False of NaN
-        found.append((index[good], (at + moved + there)[good], covariance[good]))
-        if levels and good.any():
-            best = np.flatnonzero(good)
-            best = best[:: 1 + len(best) // KERNEL_PATCHES]
-            moves = image_flow(camera, points[index[best]])
-            equations += blur_equations(pictures, other, at[best], moved[best], moves)
-    if not found:
+    fields = _everywhere(view.camera, path), _everywhere(view.camera, bend) if bend.any() else None
+    blurred = blurred_along(np.dstack([warp.picture for warp in warps]), *fields, moments=levels > 0)
+    found = list[_Matches]()
+    for k, (neighbour, warp) in enumerate(zip(neighbours, warps, strict=True)):
+        numbers = np.flatnonzero(inside & seen[k])
+        if len(numbers):
+            pictures = [np.ascontiguousarray(picture[..., k]) for picture in blurred]
+            found.append(_match(view, neighbour, warp, pictures, numbers, pixels[numbers], world, levels))
+    if not found or len(np.unique(np.concatenate([one.numbers for one in found]))) < MIN_POSE_POINTS:
         return None
-    index, places, covariance = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    if len(np.unique(index)) < MIN_POSE_POINTS:
+    numbers, at, covariance = (np.concatenate(parts) for parts in list(zip(*found, strict=True))[:3])
+    return _Matches(numbers, at, covariance, np.sum([one.equations for one in found], axis=0))
+
+
+def _match(
+    view: View,
+    neighbour: View,
+    warp: "_Warp",
+    pictures: Sequence[Any],
+    numbers: NDArray[np.int_],
+    at: Array,
+    world: Array,
+    levels: int,
+) -> _Matches:
+    """Find the points of a neighbour, those numbered (N,), that a view should have at pixels (N, 2).
+
+    ``pictures`` are the neighbour's, warped and blurred as the view is, by 1, t and t^2.
+    """
+    other = blurred_along(view.image, warp.smears)[0]
+    moved, covariance, matched = match_patches(pictures[0], other, at, levels)
+    warped = resampled(warp.pixels, np.asarray(at, np.float32)[:, None])[:, 0]
+    off = neighbour.project(world[numbers]) - warped  # where the smooth depth is not the point's
+    good = np.flatnonzero(matched & (np.linalg.norm(off, axis=1) < MAX_WARP_PX))  # False of NaN
+    equations = np.zeros((9, 10))
+    if levels and len(good):
+        some = good[:: 1 + len(good) // KERNEL_PATCHES]
+        flow = image_flow(view.camera, view.points(world[numbers[some]]))
+        equations = blur_equations(pictures, other, at[some], moved[some], flow)
+    covariance = covariance[good] + FLOOR_SIGMA_PX**2 * np.eye(2)
+    return _Matches(numbers[good], (at + moved + off)[good], covariance, equations)
+
+
+def searched_pose(view: View, neighbour: View, world: Array) -> Array | None:
+    """Return a view's pose, turned until its picture is about a neighbour's; None if no point is in it.
+
+    Phase correlation of both pictures finds steps of a third of the picture.
+    """
+    here, there = view.scaled(SEARCH_SCALE), neighbour.scaled(SEARCH_SCALE)
+    inside = _inside(here.camera, here.project(world))
+    if not inside.any():
         return None
-    return index, places, covariance + FLOOR_SIGMA_PX**2 * np.eye(2), equations
+    surface = _surface(here, world[inside])
+    warped = _warp(there, here, surface, np.zeros((len(surface), 2))).picture
+    first, second = (np.asarray(equalised(picture), np.float32) for picture in (warped, here.image))
+    window: Any = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
+    shift, _ = cv2.phaseCorrelate(first, second, window)
+    middle = (np.array([here.camera.width, here.camera.height]) - 1) / 2
+    rays = normalised_points(here.camera, np.stack([middle, middle + shift]))
+    before, after = np.column_stack([rays, np.ones(2)]) / np.hypot(1, np.linalg.norm(rays, axis=1))[:, None]
+    axis = np.cross(before, after)
+    sine = float(np.linalg.norm(axis))
+    turn = axis * np.arctan2(sine, before @ after) / (sine + TINY)
+    return changed(view.pose, np.append(turn, np.zeros(3)))
+
+
+def _surface(view: View, world: Array) -> Array:
+    """Return points (h w, 3) in a view's frame at its lattice, as deep as points (N, 3) nearby."""
+    points, lattice = view.points(world), _lattice(view.camera)
+    depth = 1 / inverse_depth_at(lattice, projected(view.camera, points), points[:, 2])
+    rays = np.column_stack([normalised_points(view.camera, lattice), np.ones(len(lattice))])
+    return np.asarray(np.nan_to_num(rays) * depth[:, None])
 
 
 def _inside(camera: Any, pixels: Array) -> Mask:
@@ -268,8 +327,16 @@ def _everywhere(camera: Any, field: Array) -> Any:
     return resampled(near, np.dstack(np.meshgrid(columns, rows)))
 
 
-def _warp(neighbour: View, view: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
-    """Return a neighbour's picture, the pixels in it and its smears, all at the pixels of a view (H, W)."""
+class _Warp(NamedTuple):
+    """A neighbour at the pixels of a view."""
+
+    picture: Any  # (H, W) float32
+    pixels: Any  # (H, W, 2) float32 of the neighbour
+    smears: Any  # (H, W, 2) float32 of the neighbour, in pixels of the view and the sense of its path
+
+
+def _warp(neighbour: View, view: View, surface: Array, path: Array) -> _Warp:
+    """Warp a neighbour to a view."""
     R = neighbour.pose[:, :3] @ view.pose[:, :3].T
     t = neighbour.pose[:, 3] - R @ view.pose[:, 3]
     where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
@@ -279,7 +346,7 @@ def _warp(neighbour: View, view: View, surface: Array, path: Array) -> tuple[Any
     smears = np.asarray(np.linalg.solve(jacobian + 1e-6 * np.eye(2), own)[..., 0], float)
     pixels = _everywhere(view.camera, where)
     picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
-    return picture, pixels, _everywhere(view.camera, same_sense(smears, path))
+    return _Warp(picture, pixels, _everywhere(view.camera, same_sense(smears, path)))
 
 
 def _corrected(motion: Array, equations: Array, expected: Array) -> Array:
@@ -291,11 +358,11 @@ def _corrected(motion: Array, equations: Array, expected: Array) -> Array:
     return np.asarray(motion + np.linalg.solve(equations[:, :9] + np.diag(sigma**-2.0), right))
 
 
-def _means(index: NDArray[np.int_], places: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:
+def _means(numbers: NDArray[np.int_], pixels: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:
     """Return each point once, and the mean of its pixels (M, 2) by their covariances (M, 2, 2)."""
-    index, where = np.unique(index, return_inverse=True)
+    numbers, where = np.unique(numbers, return_inverse=True)
     precision = np.linalg.inv(covariance)
-    total, right = np.zeros((len(index), 2, 2)), np.zeros((len(index), 2))
+    total, right = np.zeros((len(numbers), 2, 2)), np.zeros((len(numbers), 2))
     np.add.at(total, where, precision)
-    np.add.at(right, where, (precision @ places[..., None])[..., 0])
-    return index, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)
+    np.add.at(right, where, (precision @ pixels[..., None])[..., 0])
+    return numbers, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)

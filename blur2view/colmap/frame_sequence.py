@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.colmap.blur_matching import linear_light
-from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at
+from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at, searched_pose
 from blur2view.colmap.models import observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
@@ -144,7 +144,13 @@ class FrameSequence:
         seen = [self.points_of(neighbour) for neighbour in near]
         ids = np.array(sorted(set().union(*seen)))
         masks = [np.isin(ids, list(points)) for points in seen]
-        found = find_pose(view, neighbours, self.world(ids), masks, expected.motion)
+        world = self.world(ids)
+        found = find_pose(view, neighbours, world, masks, expected.motion)
+        if found is None or refusal(found, expected) == TOO_FEW:
+            pose = searched_pose(view, neighbours[0], world[masks[0]])
+            if pose is not None:
+                view = replace(view, pose=pose)
+                found = find_pose(view, neighbours, world, masks, expected.motion)
         if found is None or (reason := refusal(found, expected)):
             raise ImageError(TOO_FEW if found is None else reason)
         # recovered frames, which erred with this one, would be counted twice: of runs of 6 in RedKitchen

@@ -1,6 +1,7 @@
 """Frames put into a model that lacks them: exact renderings, refusals, what a user's model keeps."""
 
 import sqlite3
+from collections.abc import Collection
 from contextlib import closing
 from itertools import combinations
 from pathlib import Path
@@ -28,7 +29,7 @@ from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
-from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
+from tests.support.blurred_plane import FOCAL, SIZE, BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
 COLUMNS = 2, 4, 6  # of keypoints: of learned features, without and with affine shape
@@ -288,6 +289,24 @@ def test_numbers_that_fit_no_motion_refuse_one_frame(
     monkeypatch.setattr("blur2view.colmap.frame_sequence.find_pose", fail_once)
     found = recover(folder, network)
     assert list(found.refused.values()) == [NO_FIT] and len(found.recovered) == len(MISSING) - 1
+
+
+def test_a_frame_a_third_of_the_picture_off_is_searched(
+    folder: Path, network: ExactSmears, recovery: Recovery
+) -> None:
+    class Misled(FrameSequence):
+        """Expects a frame by the path a third of the picture off, and knows that it may be."""
+
+        def expected(self, name: str, others: Collection[str] | None = None) -> Expected | None:
+            right = super().expected(name, others)
+            assert right is not None
+            turned = changed(right.pose, np.array([0, SIZE[0] / 3 / FOCAL, 0, 0, 0, 0]))
+            return Expected(turned, 0.2, 0.2, right.motion)
+
+    sequence = Misled(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
+    found = sequence.try_frame(PLANE.names[3])
+    assert not isinstance(found, str)
+    assert apart(found.pose, PLANE.pose(3))[0] < 0.3
 
 
 def encoded(picture: AnyArray) -> bytes:
