@@ -10,6 +10,7 @@ from blur2view.cli.parser import rare_option, required, share
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
+from blur2view.files import writable_folder
 
 SHOWN = 3  # frames of each reason without -v
 REMEDY = "link all frames of the video (blur2view to-colmap --link), or state --fraction if all are sharp"
@@ -54,6 +55,7 @@ class PlaceOptions:
         with waiting("placing views", hidden=self.printing.quiet):
             names, model = frame_names(self.photographs), find_model(self.model)
             refuse_other_model(self.output, model)
+            writable_folder(self.output)
             found = place_views(self.database, model, names, self.fraction)
             if not found.placed:
                 count = plural(len(found.refused), "frame")

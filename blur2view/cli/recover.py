@@ -1,8 +1,10 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
 import os
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, rare_option, required
@@ -11,6 +13,9 @@ from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, wai
 from blur2view.colmap.models import DATABASE, find_model, ids_of, noted, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.files import writable_folder
+
+if TYPE_CHECKING:
+    from blur2view.colmap.recovery import Recovery
 
 TRACKS, NOTES = "tracks.db", "recovering.jsonl"
 WRITTEN = """
@@ -81,8 +86,10 @@ class RecoverOptions:
             if os.path.lexists(tracks):
                 raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
             check_project(self.tracks, names)
-        database = self.database or self.tracks or noted(model, DATABASE)
-        known = None if database is None else ids_of(database)
+        stated = self.database or self.tracks
+        database, known = stated or noted(model, DATABASE), None
+        with nullcontext() if stated else suppress(DatabaseError):  # nobody asked for the one that is noted
+            known = None if database is None else ids_of(database)
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
             sequence = FrameSequence(model, self.photographs, names, SmearNetwork())
@@ -108,17 +115,21 @@ class RecoverOptions:
         if not interrupted:
             notes.remove()
         if not quiet:
-            for line in refused_lines(found.refused, "recovered", self.printing):
-                print(line)
-            for name, frame in found.recovered.items() if self.printing.verbose else ():
-                points = plural(len(frame.points), "point")
-                print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
-            more = "and more" if self.tracks is None or interrupted else f"and more, and {TRACKS}"
-            counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
-            registered = f"of {plural(len(names), 'frame')} {len(found.registered)} registered"
-            print(f"{printable(str(self.output))}: {printable(str(model))} {more}: {registered}, {counts}")
+            self._print(found, model, len(names), tracked=self.tracks is not None and not interrupted)
         if interrupted:
             done = len(found.registered) + len(found.recovered) + len(found.refused)
             left = plural(len(names) - done, "frame")
             complain(RunError(f"interrupted; the same call goes on; {left} left"))
         return INTERRUPTED if interrupted else 0
+
+    def _print(self, found: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
+        """Print what became of the frames, so many in all."""
+        for line in refused_lines(found.refused, "recovered", self.printing):
+            print(line)
+        for name, frame in found.recovered.items() if self.printing.verbose else ():
+            points = plural(len(frame.points), "point")
+            print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+        more = f"and more, and {TRACKS}" if tracked else "and more"
+        counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
+        registered = f"of {plural(count, 'frame')} {len(found.registered)} registered"
+        print(f"{printable(str(self.output))}: {printable(str(model))} {more}: {registered}, {counts}")
