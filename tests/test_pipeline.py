@@ -2,6 +2,7 @@
 
 import builtins
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,18 @@ from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.pose import rotation_vector
 from blur2view.images.pixels import rgb_of
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.model_file import Execution
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.record import Record
+from blur2view.smears.blur import Blur, BlurKind
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.likelihood import KINDS, SHARP, SMEARED
 from blur2view.smears.matches import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
+from tests.support.grids import grid_of
 
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
 PICTURE = colour_code(forward_motion(), 1.0)
@@ -138,6 +144,42 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
         estimate_frames(Path(__file__).parent)
     with pytest.raises(ValueError, match="grid must be a blur2view.SmearGrid, as of network.predict"):
         select_matches(PICTURE)  # type: ignore[arg-type]
+
+
+class Reader:
+    """Network that reads one kind of blur in all windows, and another in the first cell of a cheap look."""
+
+    model_id, execution = "made-up", Execution(threads=1)
+
+    def __init__(self, kind: int, differs: bool) -> None:
+        self.kind, self.differs, self.details = kind, differs, list[Detail]()
+
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
+        """Return the smears of a photograph."""
+        self.details.append(detail)
+        shape = -(-image.shape[0] // 32), -(-image.shape[1] // 32)
+        kinds = np.full(shape, self.kind)
+        if self.differs and detail is Detail.RANKING:
+            kinds[0, 0] = SMEARED + SHARP - self.kind
+        smears = np.where(kinds == SMEARED, 9.0, 0.3)[..., None] * [1.0, 0.0]
+        blur = np.concatenate([np.full((*shape, 1), 0.5), np.eye(len(KINDS))[kinds]], -1).astype(np.float32)
+        return replace(grid_of(smears, 0.2, stride=32, shape=image.shape[:2]), blur=blur)
+
+
+@pytest.mark.parametrize("differs", [False, True])
+def test_a_cheap_look_that_leaves_the_blur_open_reads_all_windows_and_others_do_not(differs: bool) -> None:
+    reader = Reader(SHARP, differs)
+    seen = estimate(np.round(255 * PICTURE).astype(np.uint8), network=reader, detail=Detail.RANKING)
+    assert reader.details == [Detail.RANKING, Detail.GEOMETRY][: 1 + differs]
+    assert seen.blur.kind == "sharp"
+
+
+def test_a_photograph_that_is_too_dark_is_read_once_and_has_no_figures() -> None:
+    reader = Reader(SMEARED, differs=True)
+    seen = estimate(np.full((240, 320, 3), 3, np.uint8), network=reader, detail=Detail.RANKING)
+    assert reader.details == [Detail.RANKING]
+    assert seen.blur == Blur(kind=BlurKind.CANNOT_TELL, nothing_seen="too dark")
+    assert seen.geometry.reason == "cannot tell if the camera moved: too dark"
 
 
 @pytest.mark.slow

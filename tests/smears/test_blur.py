@@ -1,11 +1,21 @@
 """What blurred a photograph: kinds of its cells, averaged where they tell, and more so near the border."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from blur2view.smears.blur import nothing_seen
-from blur2view.smears.camera_motion import Evidence, Needed, blur_of, in_doubt, is_close
+from blur2view.smears.camera_motion import (
+    Evidence,
+    Movers,
+    Needed,
+    blur_of,
+    in_doubt,
+    is_close,
+    moved_probability,
+)
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
@@ -89,6 +99,18 @@ def test_stars_text_on_white_paper_and_dark_pictures_of_16_bits_may_be_seen() ->
     assert not nothing_seen(stars, sharp) and not nothing_seen(255 - stars, sharp)
     deep = np.random.default_rng(0).integers(0, 2000, (384, 512, 3), np.uint16)
     assert not nothing_seen(deep, sharp) and nothing_seen((deep // 256).astype(np.uint8), sharp)
+
+
+def test_cells_network_and_length_all_weigh_on_whether_the_camera_moved() -> None:
+    open_, smeared = grid(within(2, 0)), grid(within(2, 2))
+    middle = moved_probability(open_, 0.0, 4.0)
+    assert moved_probability(smeared, 0.0, 4.0) > middle
+    assert moved_probability(open_, 1.0, 4.0) > middle > moved_probability(open_, 0.0, 1.0)
+    movers = Movers(cells=np.zeros((ROWS, COLUMNS)), share=0.0, camera_moved=0.9)
+    seen = Evidence(grid=open_, movers=movers)
+    assert seen.blur.camera_moved == 0.9 and seen.blur.kind == "camera moved"
+    stood = replace(seen, stood_still=True).blur  # as the geometry says
+    assert stood.camera_moved == 0 and stood.kind == "sharp"
 
 
 def test_smears_have_one_direction_whatever_their_signs_and_smooth_cells_no_say() -> None:
