@@ -13,7 +13,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera import NO_RAYS
-from blur2view.colmap.project import CAMERA_SENSOR, has_frames, image_names, open_read_only
+from blur2view.colmap.project import CAMERA_SENSOR, MAX_FRAMES, has_frames, image_names, open_read_only
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import (
@@ -61,9 +61,15 @@ def ids_of(path: Path) -> DatabaseIds:
         if has_frames(database):
             sql = f"SELECT data_id, frame_id FROM frame_data WHERE sensor_type = {CAMERA_SENSOR}"
             data = dict(database.execute(sql).fetchall())
-    return DatabaseIds(
-        images=images, frames={name: data[number] for name, number in images.items() if number in data}
-    )
+    frames = {name: data[number] for name, number in images.items() if number in data}
+    return DatabaseIds(images=_possible(images), frames=_possible(frames))
+
+
+def _possible(ids: Mapping[str, Any]) -> dict[str, int]:
+    """Return those ids that COLMAP can hold: rows may have anything."""
+    return {
+        name: number for name, number in ids.items() if isinstance(number, int) and 0 < number < MAX_FRAMES
+    }
 
 
 def read_model(folder: Path) -> Any:

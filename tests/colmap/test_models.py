@@ -2,9 +2,11 @@
 
 import json
 import shutil
+import sqlite3
 import struct
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from blur2view.colmap.models import (
     PROJECT_FILE,
     RECORDS,
     find_model,
+    ids_of,
     noted,
     read_model,
     refuse_other_model,
@@ -139,6 +142,15 @@ def test_a_damaged_model_beside_a_whole_one_is_passed_over(model: Path, tmp_path
     (models / "1" / "images.bin").write_bytes(b"damaged")
     with pytest.raises(DatabaseError, match="0: its model is damaged"):
         read_model(find_model(models))
+
+
+def test_ids_are_numbers_that_colmap_can_hold(model: Path, tmp_path: Path) -> None:
+    walk = tmp_path / "walk.db"
+    assert ids_of(walk).frames == {"a.jpg": 1, "b.jpg": 2, "a.jpg#open": 3}
+    with closing(sqlite3.connect(walk)) as database:
+        database.execute("UPDATE frame_data SET frame_id = 4294967307 WHERE data_id = 1")
+        database.commit()
+    assert ids_of(walk).frames == {"b.jpg": 2, "a.jpg#open": 3}
 
 
 KILLED = """

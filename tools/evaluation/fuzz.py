@@ -48,6 +48,7 @@ READING = (  # commands that read photographs
 LINK, CAMERA = "to-colmap --db project.db --link --sequence frames", "estimate --camera project.db:1 frames"
 PLACE, RECOVER = "place linked.db model frames -o placed --fraction 0.4", "recover model frames -o recovered"
 SPLAT = "to-transforms views --dialect nerfstudio -o splat/transforms.json"
+GSPLAT, NGP = "to-transforms views --dialect gsplat -o scene", "to-transforms views -o ngp/transforms.json"
 ODD_NAMES = (
     "tcp:127.0.0.1:9?.mp4", "http:/127.0.0.1:9/clip.mp4", "concat:clip.mp4", "=1+1.jpg", "@good.jpg",
     "-o.jpg", "a\nb.jpg", "#1.jpg", " a.jpg ", "frame_00003.png",
@@ -202,10 +203,55 @@ def little_memory(folder: Path, rng: Rng) -> list[str]:
     return drawn(rng, (*(f"{one} {GOOD}" for one in READING), PLACE, RECOVER)).split()
 
 
+def cut_text(folder: Path, rng: Rng) -> None:
+    """Write the views' model as text, one file of it cut between two lines."""
+    model = pycolmap.Reconstruction(folder / "views")
+    shutil.rmtree(folder / "views")
+    (folder / "views").mkdir()
+    model.write_text(folder / "views")
+    path = folder / "views" / f"{drawn(rng, ('cameras', 'images', 'points3D', 'frames', 'rigs'))}.txt"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[: int(rng.integers(len(lines)))]))
+
+
+def odd_camera(folder: Path, rng: Rng) -> None:
+    """Give the camera of the views' model a size or focal length that no camera has."""
+    model = pycolmap.Reconstruction(folder / "views")
+    for camera in model.cameras.values():
+        name = drawn(rng, ("width", "height", "params"))
+        wrong = drawn(rng, (0.0, -1.0, 1e-300, 1e29))
+        setattr(camera, name, [wrong, *camera.params[1:]] if name == "params" else max(0, int(wrong > 1) * 7))
+    model.write_binary(folder / "views")
+
+
+def refined(folder: Path, rng: Rng) -> None:
+    """Write what to-transforms and place write, and change it."""
+    for words in (SPLAT, GSPLAT, PLACE):
+        with chdir(folder), redirect_stdout(io.StringIO()):
+            commands.main(words.split())
+    ours = "splat/transforms.json", "splat/sparse_pc.ply", "scene/sparse/0/images.bin", "placed/points3D.bin"
+    for name in ours:
+        (folder / name).write_bytes((folder / name).read_bytes().replace(b"\0\0", b"\0\1", 1) + b" ")
+
+
+def other_size(folder: Path, rng: Rng) -> None:
+    """Resize photographs, evenly or not."""
+    width, height = drawn(rng, ((120, 90), (121, 90), (240, 179), (90, 120), (1, 1)))
+    for path in (folder / "frames").iterdir():
+        if rng.random() < 0.7:
+            Image.open(path).resize((width, height)).save(path)
+
+
+def odd_model(folder: Path, rng: Rng) -> list[str]:
+    """Make a model, its photographs or what was written from it odd; return a command that reads it."""
+    drawn(rng, (cut_text, odd_camera, refined, other_size))(folder, rng)
+    return drawn(rng, (SPLAT, GSPLAT, NGP, PLACE)).split()
+
+
 LITTLE = "little memory"
 KINDS: dict[str, Callable[[Path, Rng], list[str]]] = {
     "damaged": damaged, "oddly named": named, "output is an input": colliding, "odd rows": odd_rows,
-    "odd file": odd_file, "changed since": again, LITTLE: little_memory,
+    "odd file": odd_file, "odd model": odd_model, "changed since": again, LITTLE: little_memory,
 }  # fmt: skip
 
 
