@@ -12,9 +12,9 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
-from blur2view.images.pixels import photograph_of
+from blur2view.images.pixels import photograph_of, unusable_size
 from blur2view.movers.mask import MotionMask, mask_of
-from blur2view.movers.moving import THRESHOLD, Moving, moving_in
+from blur2view.movers.moving import PLACE_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.smears.blur import Blur, nothing_seen
@@ -108,7 +108,11 @@ def estimate(
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
     require("network", network, SmearReader, "with predict, model_id and execution, or a path")
-    evidence, moving = _seen(photograph_of(image), network, Detail(detail))
+    image = photograph_of(image)
+    height, width = image.shape[:2]
+    if remedy := unusable_size(width, height):
+        raise ValueError(f"expected a photograph, got one of {width}x{height} pixels; {remedy}")
+    evidence, moving = _seen(image, network, Detail(detail))
     matches, blur = select_matches(evidence.grid, select), evidence.blur
     if blur.kind.of_camera:
         rng, moved = np.random.default_rng(rng or 0), evidence.grid.kinds is not None
@@ -133,7 +137,7 @@ def estimate(
 def segment(
     estimate: Estimate,
     image: AnyArray,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     *,
     threshold: float = THRESHOLD,
 ) -> MotionMask:
@@ -150,8 +154,8 @@ def segment(
         The photograph's.
     image : ndarray of shape (H, W, 3) or (H, W)
         The photograph, as it was estimated.
-    rng : numpy.random.Generator, optional
-        Draws starts of the fit of the camera's motion; ``default_rng(0)`` by default.
+    rng : numpy.random.Generator or int, optional
+        Draws starts of the fit of the camera's motion; or its seed, 0 by default.
     threshold : float
         Probability above 0 and below 1 that the highest place of a part must reach. A lower one misses less
         of what moves, and marks more of what stands still.
@@ -166,7 +170,7 @@ def segment(
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
-    rng = np.random.default_rng(0) if rng is None else rng
+    rng = np.random.default_rng(rng or 0)
     return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
@@ -183,5 +187,7 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Eviden
     if evidence.needed is not Needed.MOVERS:
         return evidence, None
     moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
-    movers = moving.evidence(evidence.grid, mask_of(moving, image).shares["moving"])
+    factor = moving.place_px // PLACE_PX  # a mask of every pixel of 24 megapixels takes 0.5 GB
+    mask = mask_of(replace(moving, place_px=PLACE_PX), reduced(image, factor))
+    movers = moving.evidence(evidence.grid, mask.shares["moving"])
     return replace(evidence, movers=movers), moving

@@ -18,7 +18,7 @@ from blur2view.geometry.pose import rotation_vector
 from blur2view.images.pixels import rgb_of
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork
-from blur2view.pipeline import Estimate, estimate
+from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.results.record import Record
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.grid import SmearGrid
@@ -44,9 +44,11 @@ def numbers(found: Estimate) -> tuple[str, bytes, bytes]:
     return Record.from_estimate(found, name="").to_json(), cells, ends
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float16, np.float64])
-def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: type) -> None:
-    top = np.iinfo(kind).max if issubclass(kind, np.integer) else 1
+@pytest.mark.parametrize(
+    "kind", [np.uint8, np.uint16, np.dtype(">u2"), np.dtype(">f4"), np.float16, np.float64]
+)
+def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: Any) -> None:
+    top = np.iinfo(kind).max if np.issubdtype(kind, np.integer) else 1
     levels: AnyArray = (np.random.default_rng(0).integers(0, 256, (48, 64, 3)) / 255 * top).astype(kind)
     expected = (levels / top).astype(np.float32)
     for image in (levels, np.asfortranarray(levels), levels[::-1, :, ::-1][::-1, :, ::-1]):
@@ -56,7 +58,7 @@ def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: type) -> Non
 
 
 NO_PHOTOGRAPHS: list[Any] = [
-    *(np.zeros(shape, np.uint8) for shape in ((40, 40, 2), (40,), (0, 40))),
+    *(np.zeros(shape, np.uint8) for shape in ((40, 40, 2), (40,), (0, 40), (3, 9), (16, 65535))),
     *(np.zeros((40, 40), kind) for kind in (np.int32, bool)),
     *(np.full((40, 40), value) for value in (255.0, np.nan, -0.1)),
     [[0.0]],
@@ -112,6 +114,14 @@ def test_photograph_is_read_from_disk_once_and_opened_by_pillow_once(
     else:
         estimate(moving, network=network)
     assert len(read) == len(opened) == 1
+
+
+def test_masks_take_a_generator_or_its_seed_and_times_are_finite(network: SmearNetwork) -> None:
+    found = estimate(PICTURE, network=network)
+    by_seed, by_generator = (segment(found, PICTURE, rng) for rng in (5, np.random.default_rng(5)))
+    np.testing.assert_array_equal(by_seed.labels, by_generator.labels)
+    with pytest.raises(ValueError, match="must be finite seconds, got nan of frame 1"):
+        list(estimate_frames([PICTURE] * 2, timestamps_s=[0.0, np.nan], network=network))
 
 
 def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwork) -> None:

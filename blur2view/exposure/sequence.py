@@ -315,6 +315,8 @@ def _in_series(
         if times is not None:
             if (time := next(times, None)) is None:
                 raise ValueError("there are fewer timestamps than frames")
+            if not np.isfinite(time):
+                raise ValueError(f"timestamps_s must be finite seconds, got {time} of frame {number}")
             current = replace(current, timestamp_s=float(time))
         features[number] = features_of(rgb_of(frame))
         if last is not None:

@@ -19,11 +19,17 @@ from PIL import ExifTags, Image, UnidentifiedImageError
 from blur2view.arrays import AnyArray, Floats
 from blur2view.camera import ExifValues, exif_of
 from blur2view.errors import ImageError, within_memory
-from blur2view.files import MAX_PIXELS, open_picture, read_regular
-from blur2view.images.pixels import floats_of, photograph_of, stored_from_upright, upright_from_stored
+from blur2view.files import open_picture, read_regular
+from blur2view.images.pixels import (
+    TOO_LARGE,
+    floats_of,
+    photograph_of,
+    stored_from_upright,
+    unusable_size,
+    upright_from_stored,
+)
 from blur2view.images.video import frame_numbers, is_video
 
-MIN_SIDE_PX = 16  # bound: anything smaller shows no smear
 # RAW by rawpy, HEIC by pillow-heif: extras.
 RAW_SUFFIXES = frozenset(
     [".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw"]
@@ -35,7 +41,6 @@ PHOTOGRAPH_SUFFIXES = RAW_SUFFIXES | {".avif", ".bmp", ".heic", ".heif", ".hif",
 PHOTOGRAPH_SUFFIXES |= {".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 BITS, SIGNS = ExifTags.Base.BitsPerSample, ExifTags.Base.SampleFormat  # of TIFF
 PLANES, TONES = ExifTags.Base.PlanarConfiguration, ExifTags.Base.PhotometricInterpretation
-_TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
@@ -155,10 +160,12 @@ def _decode(
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation, exif = _orientation_of(photo), exif_of(photo)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
-            decoded = _decode_deep(encoded, alpha=photo.has_transparency_data) if deep else photo.copy()
+            decoded = (
+                _decode_deep(encoded, alpha=photo.has_transparency_data) if deep else photo
+            )  # loaded, so that it may be closed
             return decoded, exif, orientation, photo.format == "TIFF"
     except Image.DecompressionBombError:
-        raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
+        raise ImageError(f"{path}: has too many pixels; {TOO_LARGE}") from None
     except UnidentifiedImageError:
         raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
     except (ImageError, MemoryError):
@@ -212,8 +219,5 @@ def _develop(path: Path, encoded: bytes, as_stored: bool) -> NDArray[np.uint16]:
 
 def _check_size(path: Path, width: int, height: int) -> None:
     """Raise ImageError for a size that shows no smear or does not fit in memory."""
-    size = f"{path}: is {width}x{height} pixels"
-    if min(width, height) < MIN_SIDE_PX:
-        raise ImageError(f"{size}; use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}")
-    if width * height > MAX_PIXELS:
-        raise ImageError(f"{size}; {_TOO_LARGE}")
+    if remedy := unusable_size(width, height):
+        raise ImageError(f"{path}: is {width}x{height} pixels; {remedy}")

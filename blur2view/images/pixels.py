@@ -5,6 +5,7 @@ import numpy as np
 from PIL import Image
 
 from blur2view.arrays import AnyArray, Array, Floats, white_of
+from blur2view.files import MAX_PIXELS
 
 BACKDROP = np.float32(0.5)
 """Grey behind transparent pixels: its edges against an unknown photograph are the weakest."""
@@ -13,6 +14,9 @@ QUANTILE, BRIGHT, MAX_GAIN = 0.995, 0.9, 256.0
 MIN_SAMPLES = 1_000_000
 """Values, of a larger photograph, that the quantile is taken of; bound."""
 LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
+MIN_SIDE_PX, MAX_ASPECT = 16, 100
+"""Shortest side, and longest over shortest: smaller ones show no smear, strips no field of them; bounds."""
+TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
@@ -24,12 +28,14 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     ValueError of anything else.
     """
     if isinstance(image, Image.Image):
-        mode = "RGBA" if image.has_transparency_data else "RGB"
+        mode = "RGBA" if image.has_transparency_data else "L" if image.mode in ("1", "L") else "RGB"
         deep = image.mode.startswith("I")  # 16 bits in either order of bytes, those of PGM in 32 bits
         image = np.asarray(image if deep or image.mode in (mode, "F") else image.convert(mode))
         image = image.astype(np.uint16) if deep and 0 <= image.min() <= image.max() <= 65535 else image
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
+    if not image.dtype.isnative:
+        image = image.astype(image.dtype.newbyteorder("="))
     integer = image.dtype in (np.uint8, np.uint16)
     has_shape = image.shape[2:] in ((), (1,), (3,), (4,)) and image.ndim > 1 and image.size
     if not has_shape or not (integer or np.issubdtype(image.dtype, np.floating)):
@@ -41,6 +47,16 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if not integer:
         image = np.asarray(image, np.float32)
     return image[..., 0] if image.shape[2:] == (1,) else image
+
+
+def unusable_size(width: int, height: int) -> str:
+    """Return why a photograph of this size cannot be used, and what can; "" if it can."""
+    shorter, longer = sorted((width, height))
+    if shorter < MIN_SIDE_PX:
+        return f"use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}"
+    if longer > MAX_ASPECT * shorter:
+        return f"cut it so that no side is more than {MAX_ASPECT} times the other"
+    return "" if width * height <= MAX_PIXELS else TOO_LARGE
 
 
 def rgb_of(image: AnyArray | Image.Image) -> Floats:

@@ -10,7 +10,7 @@ highest log-odds halfway to its median.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -137,9 +137,10 @@ def moving_in(
     Parameters
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
-        As `blur2view.images.pixels.photograph_of` returns it; halved while it has more than `LARGE_PX`.
+        As `blur2view.images.pixels.photograph_of` returns it; reduced until a cell has 32 pixels or, if
+        smears are read anew, while it has more than `LARGE_PX`.
     grid : SmearGrid
-        Its smears; they are read anew if the photograph is halved or another network read them.
+        Its smears; they are read anew unless a `SmearNetwork` read them in ``Detail.GEOMETRY``.
     rng : numpy.random.Generator
         Draws starts of the fit of the camera's motion.
     execution : Execution, optional
@@ -178,16 +179,39 @@ def moving_in(
 
 
 def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[AnyArray, SmearGrid, int]:
-    """Return a photograph halved as often as its size asks for, its grid for the networks, and the factor."""
+    """Return a photograph at the size that the networks read, its grid there, and the factor between both."""
+    if grid.shares is not None and grid.blur is not None:
+        factor = grid.stride // STEP
+        return reduced(image, factor), reduced_grid(grid, factor), factor
     factor = 1
     while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
         factor *= 2
-    if factor > 1:
-        size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    if factor > 1 or grid.stride != STEP or grid.shares is None or grid.blur is None:
-        grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
+    image = reduced(image, factor)
+    grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
     return image, grid, factor
+
+
+def reduced(image: AnyArray, factor: int) -> AnyArray:
+    """Return a photograph whose sides are those of another over a factor, rounded up."""
+    if factor == 1:
+        return image
+    size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def reduced_grid(grid: SmearGrid, factor: int) -> SmearGrid:
+    """Return the grid of a `reduced` photograph: of the same cells, in its pixels."""
+    if factor == 1:
+        return grid
+    assert grid.blur is not None
+    cells, blur = grid.cells.copy(), grid.blur.copy()
+    cells[..., :3] /= factor  # the fourth is an angle
+    blur[..., 0] /= factor
+    rows, columns = (-(-side // factor) for side in grid.shape)
+    window_px = None if grid.window_px is None else grid.window_px // factor
+    return replace(
+        grid, cells=cells, blur=blur, stride=grid.stride // factor, shape=(rows, columns), window_px=window_px
+    )
 
 
 def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:

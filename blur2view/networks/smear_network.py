@@ -145,7 +145,8 @@ class SmearNetwork:
         blur[flat] = 0, *np.eye(len(KINDS))[CANNOT_TELL]
         height, width = image.shape[:2]
         window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
-        own, shape = shares if apart == STEP else None, (height, width)
+        own = shares if apart == STEP or detail == Detail.GEOMETRY else None
+        shape = height, width
         return SmearGrid(cells=cells, blur=blur, shares=own, stride=apart, shape=shape, window_px=window_px)
 
     def _read(self, image: AnyArray, apart: int) -> tuple[Floats, Mask]:
@@ -179,33 +180,45 @@ def read_octaves(
 
     ``apart`` is 32 times a power of two; the picture's sides are multiples of a cell in every octave. The
     values of a cell: double angle of its smear and both deviations, radius out of focus, probabilities of
-    `KINDS`; where cells have 32 pixels, the shares of directions and lengths. Octaves finer than a cell are
-    read only while the smears may be short.
+    `KINDS`; the shares of directions and lengths, of the octave in which a cell has 32 pixels and all smaller
+    ones. Octaves finer than a cell are read only while the smears may be short.
     """
-    threads, spectra, read = network.execution.threads, list[Floats](), None
+    threads, spectra, read, shares = network.execution.threads, list[Floats](), None, None
     for k, picture in pictures:
         windows = windows_of(picture, max(STEP, apart >> k))
         spectra.insert(0, power_spectra(windows, threads))
         shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
         del picture, windows  # a large photograph's
         read = read_octave(network, features, shown, spectra[0], read, frugal)
+        if apart >> k == STEP:
+            shares = _shares(read.smears, threads)
         if k and STEP << k <= apart and not_short(read):
             break
-    assert read is not None
+    assert read is not None and shares is not None
     kinds = softmax(read.kinds)
     values = np.zeros((*kinds.shape[:2], VALUES), np.float32)
 
     def decode(rows: slice) -> None:
         values[rows, :, :4] = read_smears(read.smears[rows])
-        if apart == STEP:
-            values[rows, :, -DIRECTIONS - LENGTHS :] = shares_of(read.smears[rows], LENGTHS)
 
     in_batches(decode, len(values), threads, ROWS)
     cells = refine_on_cepstrum(values[..., :4], spectra, threads)
     values[..., :4] = with_unseen(cells, kinds[..., CANNOT_TELL])
     values[..., 4], values[..., 5 : 5 + len(KINDS)] = read_radii(read.radii), kinds
     values[..., [0, 1, 2, 4]] *= 2**k  # which are pixels
+    values[..., -DIRECTIONS - LENGTHS :] = shares
     return values
+
+
+def _shares(smears: Floats, threads: int) -> Floats:
+    """Return the shares (h, w, 64) of directions and lengths of logits of smears (h, w, 32, B)."""
+    shares = np.empty((*smears.shape[:2], DIRECTIONS + LENGTHS), np.float32)
+
+    def fill(rows: slice) -> None:
+        shares[rows] = shares_of(smears[rows], LENGTHS)
+
+    in_batches(fill, len(shares), threads, ROWS)
+    return shares
 
 
 def read_octave(

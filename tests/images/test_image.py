@@ -164,6 +164,7 @@ def bitmap(side: int) -> bytes:
         (b"", "empty"),
         (b"a recipe for soup, not a photograph", "not a readable image"),
         (encoded(Image.new("RGB", (1, 1)), "PNG"), "1x1 pixels"),
+        (encoded(Image.new("1", (16, 65535)), "PNG"), "16x65535 pixels; cut it"),
         (bitmap(40_000), "too many pixels; resize"),
         (bitmap(13_300), "13300x13300 pixels; resize"),
         (encoded(Image.fromarray(np.full((20, 20), 1.5, np.float32)), "TIFF"), "got 1.5 to 1.5; save it"),
