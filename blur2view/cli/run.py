@@ -128,6 +128,7 @@ class Run:
         try:
             with waiting("photographs", hidden=self.options.printing.quiet) as show:
                 self._check(targets, checked)
+                self._name_passed_over()
                 with closing(self._results(work)) as results:
                     for job, outcome in results:
                         self.outcomes.append((job, outcome))
@@ -169,6 +170,13 @@ class Run:
                 )
         for folder in sorted({path.parent for path in (*paths, *written.values())}):
             writable_folder(folder)
+
+    def _name_passed_over(self) -> None:
+        """Print the videos that a folder's photographs stand before."""
+        if (videos := self.inputs.passed_over) and not self.options.printing.quiet:
+            more = f" and {len(videos) - 1} more" if len(videos) > 1 else ""
+            what = "a video beside photographs is" if not more else "videos beside photographs are"
+            complain(RunError(f"{videos[0]}{more}: {what} not read; name it to read its frames"))
 
     def _results(self, work: Callable[[Any, Any], Outcome]) -> Done:
         """Return a generator of the jobs with their outcomes."""

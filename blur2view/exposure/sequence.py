@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, groupby, pairwise
+from pathlib import Path
 from posixpath import dirname
 from typing import Generic, NamedTuple, TypeVar
 
@@ -27,7 +28,7 @@ from blur2view.exposure.views import ExposureViews, other_translation, share_in_
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection
-from blur2view.images.inputs import list_photographs
+from blur2view.images.inputs import photographs_in
 from blur2view.images.pixels import from_resized, photograph_of, rgb_of
 from blur2view.images.video import read_video
 from blur2view.networks.model_file import one_thread
@@ -218,7 +219,7 @@ def frame_names(folder: str | os.PathLike[str]) -> list[str]:
     """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
     if not os.path.isdir(folder):
         raise ImageError(f"{folder}: no such folder; name that of the frames")
-    inputs = list_photographs([str(folder)], recursive=True)
+    inputs = photographs_in(Path(folder))
     if refusals := [source.refusal for source in inputs.sources if source.refusal]:
         raise ImageError(refusals[0])
     return inputs.names()

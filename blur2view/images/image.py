@@ -38,7 +38,20 @@ RAW_SUFFIXES = frozenset(
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 # Files of a folder that are photographs; a file that is named by itself may have any suffix.
 PHOTOGRAPH_SUFFIXES = RAW_SUFFIXES | {".avif", ".bmp", ".heic", ".heif", ".hif", ".jfif", ".jp2", ".jpe"}
-PHOTOGRAPH_SUFFIXES |= {".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
+PHOTOGRAPH_SUFFIXES |= {
+    ".gif",
+    ".jpeg",
+    ".jpg",
+    ".mpo",
+    ".pgm",
+    ".png",
+    ".pnm",
+    ".ppm",
+    ".tga",
+    ".tif",
+    ".tiff",
+    ".webp",
+}
 BITS, SIGNS = ExifTags.Base.BitsPerSample, ExifTags.Base.SampleFormat  # of TIFF
 PLANES, TONES = ExifTags.Base.PlanarConfiguration, ExifTags.Base.PhotometricInterpretation
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens

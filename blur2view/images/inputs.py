@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import islice
@@ -14,7 +15,7 @@ from typing import BinaryIO, Self
 import cv2
 
 from blur2view.errors import ImageError
-from blur2view.files import is_ours, read_regular, read_stream, real_paths
+from blur2view.files import is_ours, open_picture, read_regular, read_stream, real_paths
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES, read_content
 from blur2view.images.video import frame_numbers, is_video, read_frame
 
@@ -63,10 +64,19 @@ class Source:
         return bytes(cv2.imencode(".bmp", read_frame(self.path, self.frame))[1])
 
 
+def has_frames(path: Path) -> bool:
+    """Return whether a file is a video, or an animated GIF, which is read as one."""
+    if path.suffix.lower() != ".gif" or not path.is_file():
+        return is_video(path)
+    with suppress(Exception), open_picture(read_regular(path)) as picture:  # its errors have any type
+        return bool(getattr(picture, "is_animated", False))
+    return False
+
+
 def frame_named(word: str) -> Source | None:
     """Return the frame that VIDEO/000120 names by its number; None of any other word."""
     path = Path(word)
-    if path.name.isdecimal() and len(path.name) <= MAX_DIGITS and is_video(path.parent):
+    if path.name.isdecimal() and len(path.name) <= MAX_DIGITS and has_frames(path.parent):
         return Source(path=path.parent, frame=int(path.name))
     return None
 
@@ -78,6 +88,8 @@ class Inputs:
     sources: list[Source] = field(default_factory=list)
     lists: list[Path] = field(default_factory=list)
     """The files that named some."""
+    passed_over: list[Path] = field(default_factory=list)
+    """Videos of folders that also hold photographs, which stand for the photographs alone."""
 
     @property
     def one_video(self) -> bool:
@@ -131,28 +143,54 @@ def list_photographs(
     """Return the photographs that words name.
 
     Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below),
-    without results of blur2view; videos, of which ``frames`` returns the numbers of the frames that are
-    taken; ``VIDEO/000120``, a frame by its number; ``@LIST``, a file with one such word per line, ``-``, the
-    same from standard input. A name in a list that does not exist is looked for in the list's folder.
+    without results of blur2view, or, if there are none, for the videos; videos and animated GIFs, of which
+    ``frames`` returns the numbers of the frames that are taken; ``VIDEO/000120``, a frame by its number;
+    ``@LIST``, a file with one such word per line, ``-``, the same from standard input. A name in a list that
+    does not exist is looked for in the list's folder.
     ImageError if a list cannot be read or names nothing.
     """
     once: dict[tuple[str, int | None], Source] = {}
+    passed_over = list[Path]()
     for word in _without_lists(words, stdin):
-        for source in _sources(word, recursive, frames):
+        for source in _sources(word, recursive, frames, passed_over):
             place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
             once.setdefault((place, source.frame), source)
     lists = [Path(word[1:]) for word in words if word.startswith(LIST)]
-    return Inputs(sources=list(once.values()), lists=lists)
+    named = {source.path for source in once.values()}
+    passed_over = [path for path in dict.fromkeys(passed_over) if path not in named]
+    return Inputs(sources=list(once.values()), lists=lists, passed_over=passed_over)
 
 
-def _sources(word: str, recursive: bool, frames: Callable[[Path], range]) -> Iterator[Source]:
-    """Yield the photographs of one word; folders and videos that cannot be used are refused with a reason."""
+def photographs_in(folder: Path) -> Inputs:
+    """Return the photographs of a folder, whatever it is called, and all below; ImageError without any."""
+    found, _, unread = _listed(folder, recursive=True)
+    if not found and not unread:
+        raise ImageError(f"{folder}: holds no photograph; name another folder")
+    return Inputs(sources=[*(Source(path=path, root=folder) for path in found), *unread])
+
+
+def _sources(
+    word: str, recursive: bool, frames: Callable[[Path], range], passed_over: list[Path]
+) -> Iterator[Source]:
+    """Yield the photographs of one word; folders and videos that cannot be used are refused with a reason.
+
+    ``passed_over`` gets the videos of a folder that holds photographs.
+    """
     path = Path(word)
     try:
-        if is_video(path):
+        if has_frames(path):
             yield from [Source(path=path, frame=number) for number in frames(path)]
         elif path.is_dir():
-            yield from _photographs(path, recursive)
+            found, videos, unread = _listed(path, recursive)
+            yield from [Source(path=photograph, root=path) for photograph in found]
+            if found:
+                passed_over += videos
+            for video in () if found else videos:
+                yield from _of_video(video, path, frames)
+            yield from unread
+            if not (found or videos or unread):
+                more = "name another folder" if recursive else "add --recursive for its subfolders"
+                raise ImageError(f"{path}: holds no photograph or video; {more}")
         else:
             yield frame_named(word) or Source(path=path)
     except (ImageError, OSError) as error:
@@ -165,22 +203,26 @@ def _refused(path: Path, error: ImageError | OSError) -> Source:
     return Source(path=path, refusal=str(error) if isinstance(error, ImageError) else line)
 
 
-def _photographs(folder: Path, recursive: bool) -> list[Source]:
-    """Return a folder's photographs, frame_2 before frame_10, then the folders below that cannot be read.
+def _of_video(video: Path, root: Path, frames: Callable[[Path], range]) -> list[Source]:
+    """Return the frames of a video below the folder that was named, or its refusal."""
+    try:
+        return [Source(path=video, frame=number, root=root) for number in frames(video)]
+    except (ImageError, OSError) as error:
+        return [_refused(video, error)]
+
+
+def _listed(folder: Path, recursive: bool) -> tuple[list[Path], list[Path], list[Source]]:
+    """Return a folder's photographs, frame_2 before frame_10, its videos, and folders that cannot be read.
 
     Results of blur2view are left out; links that lead nowhere are not, so that their failure is named.
-    ImageError if there are none.
     """
     unread: list[OSError] = []
     walked = islice(os.walk(folder, onerror=unread.append), None if recursive else 1)
-    entries = [Path(here, name) for here, _, names in walked for name in names]
-    found = [path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES]
+    entries = sorted((Path(here, name) for here, _, names in walked for name in names), key=_in_order)
+    videos = [path for path in entries if has_frames(path)]
+    found = [path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path not in videos]
     found = [path for path in found if path.suffix.lower() != ".png" or not is_ours(path)]
-    if not found and not unread:
-        more = "name another folder" if recursive else "add --recursive for its subfolders"
-        raise ImageError(f"{folder}: holds no photograph; {more}")
-    photographs = [Source(path=path, root=folder) for path in sorted(found, key=_in_order)]
-    return photographs + [_refused(Path(error.filename), error) for error in unread]
+    return found, videos, [_refused(Path(error.filename), error) for error in unread]
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from blur2view.errors import ImageError
+from blur2view.exposure.sequence import frame_names
 from blur2view.images.inputs import Inputs, Source, list_photographs
 from blur2view.images.video import frame_numbers
 from blur2view.results.overlay import png
@@ -47,10 +49,34 @@ def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder:
     assert [one.name for one in found.sources] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     assert not refusals(found) and found.names() == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     (folder / "empty").mkdir()
-    assert "holds no photograph; add --recursive" in refusals(listed(folder / "empty"))[0]
+    assert "holds no photograph or video; add --recursive" in refusals(listed(folder / "empty"))[0]
     below = listed(folder, recursive=True)
     assert below.names() == [*found.names(), "sub/a.tif", "sub/deep/b.heic"]
     assert list(map(str, below.result_names()))[3:] == ["sub/a", "sub/deep/b"]
+
+
+def test_folder_of_videos_and_animated_gif_stand_for_frames_and_what_is_passed_over_is_named(
+    tmp_path: Path,
+) -> None:
+    pages = [Image.new("L", (40, 40), 50 * k) for k in range(3)]
+    pages[0].save(tmp_path / "a.gif", save_all=True, append_images=pages[1:])
+    clip = write_video(tmp_path / "clip.mp4", 5)
+    frames = [Source(path=tmp_path / "a.gif", frame=k) for k in range(3)]
+    assert listed(tmp_path).sources == frames + [Source(path=clip, frame=k) for k in range(5)]
+    assert listed(tmp_path).names()[-1] == "clip.mp4/000004" and not listed(tmp_path).passed_over
+    assert frames[1].read() and listed(tmp_path / "a.gif/000002").sources == frames[2:]
+    for name in ("still.gif", "b.ppm", "c.tga", "d.pgm"):
+        pages[0].save(tmp_path / name)
+    found = listed(tmp_path)
+    assert [one.name for one in found.sources] == ["b.ppm", "c.tga", "d.pgm", "still.gif"]
+    assert found.passed_over == [tmp_path / "a.gif", clip]
+
+
+@pytest.mark.parametrize("name", ["@frames", "-"])
+def test_folder_is_a_folder_whatever_it_is_called(here: Path, name: str) -> None:
+    (here / name).mkdir()
+    Image.new("L", (40, 40)).save(here / name / "a.png")
+    assert frame_names(name) == ["a.png"]
 
 
 def test_a_list_names_a_word_on_each_line_but_blank_ones_and_comments(folder: Path, here: Path) -> None:
