@@ -47,7 +47,8 @@ class Reading:
     """Input."""
 
     images: list[str] = required("""INPUT: photographs, folders of photographs (or, without any, of videos),
-        videos and animated GIFs, or lists of them as @LIST, or - from standard input; JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8
+        videos and animated GIFs, or lists of them as @LIST, or - from standard input; JPEG, PNG, TIFF, WebP,
+        AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8
         or 16 bits, with the extras heic and raw also HEIC and RAW. Frames of a video are named VIDEO/000120
         by their number. A list names one of these on each line, as seen from here or else from the list's
         folder (blank lines are passed over, and those that begin with # and name no file). What is named
