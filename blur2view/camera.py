@@ -78,8 +78,31 @@ class Camera:
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
         """Return a camera of square pixels, no distortion, its principal point at the centre of the image.
 
-        ``image_size`` is (width, height), ``source`` names the origin of the focal length, which is in
-        pixels. ValueError if the focal length is not 0.1 to 1e7.
+        Parameters
+        ----------
+        focal_px : float
+            Focal length, pixels, 0.1 to 1e7.
+        image_size : tuple of int
+            Width and height, pixels.
+        source : str
+            Where the focal length is from.
+
+        Returns
+        -------
+        Camera
+            Its focal length is known, so that the geometry is calibrated.
+
+        Raises
+        ------
+        ValueError
+            If the focal length is out of its range, or the size is not a pair.
+
+        Examples
+        --------
+        >>> from blur2view import Camera
+        >>> camera = Camera.from_focal(800.0, (1281, 721))
+        >>> camera.K.tolist()
+        [[800.0, 0.0, 640.0], [0.0, 800.0, 360.0], [0.0, 0.0, 1.0]]
         """
         if not np.issubdtype(type(focal_px), np.number) or not possible_focal(focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px!r}")
@@ -90,10 +113,34 @@ class Camera:
 
     @classmethod
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
-        """Return the camera of ``cv2.calibrateCamera``, for pictures of this (width, height).
+        """Return the camera of ``cv2.calibrateCamera``.
 
-        ``K`` (3, 3) has (0, 0) at the centre of the top-left pixel; ``dist`` are 0, 4, 5 or 8 coefficients
-        k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape, or None. ValueError or CameraError of other values.
+        Parameters
+        ----------
+        K : ndarray of shape (3, 3)
+            Camera matrix, pixels, (0, 0) at the centre of the top-left one.
+        dist : ndarray or None
+            0, 4, 5 or 8 coefficients k1, k2, p1, p2[, k3[, k4, k5, k6]], in any shape.
+        size : tuple of int
+            Width and height of the pictures, pixels.
+
+        Returns
+        -------
+        Camera
+            COLMAP's PINHOLE, OPENCV or FULL_OPENCV.
+
+        Raises
+        ------
+        ValueError, CameraError
+            If the matrix, the coefficients or the size are not so.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from blur2view import Camera
+        >>> K = np.array([[800.0, 0, 640], [0, 810, 360], [0, 0, 1]])
+        >>> Camera.from_opencv(K, np.array([0.1, 0, 0, 0]), (1281, 721)).model
+        'OPENCV'
         """
         given = [] if dist is None else np.asarray(dist, float).ravel().tolist()
         if len(given) not in (0, 4, 5, 8, 12, 14) or any(given[8:]):

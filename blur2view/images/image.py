@@ -66,9 +66,34 @@ def read_image(
     CMYK; of several pictures the first. Alpha is composited over mid-grey, embedded colour profiles are
     ignored. RAW and HEIC need their extras.
 
-    ``as_stored`` leaves the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF;
-    ``content`` are the bytes of the file, where they have been read already. ImageError, one line that names
-    the path and the remedy, if the file is missing, damaged, not an image, or of a size that cannot be used.
+    Parameters
+    ----------
+    path : path
+        The file; its name alone tells RAW.
+    as_stored : bool
+        Leave the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF.
+    content : bytes, optional
+        The content of the file, where it has been read already.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3)
+        RGB, float32 in [0, 1].
+
+    Raises
+    ------
+    ImageError
+        One line with the path and the remedy, if the file is missing, damaged, not an image, or of a size
+        that cannot be used.
+
+    Examples
+    --------
+    >>> from blur2view import read_image
+    >>> from PIL import Image
+    >>> Image.new("RGB", (64, 48), (255, 0, 51)).save("a.png")
+    >>> image = read_image("a.png")
+    >>> image.shape, image[0, 0].tolist()
+    ((48, 64, 3), [1.0, 0.0, 0.20000000298023224])
     """
     picture = read_picture(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):

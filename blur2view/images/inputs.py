@@ -287,7 +287,30 @@ def timestamp_of(name: str | os.PathLike[str]) -> float | None:
 
 
 def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
-    """Return the seconds of photographs in order, as `timestamp_of`; ImageError if a name is no time."""
+    """Return the times of photographs, in seconds, that their names state.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        Files named by a time: seconds with a fraction as in TUM's recordings, or whole seconds, milli-,
+        micro- or nanoseconds since 1970 (10, 13, 16 or 19 digits) as in EuRoC's.
+
+    Returns
+    -------
+    list of float
+        Seconds, in the order of the paths.
+
+    Raises
+    ------
+    ImageError
+        If a name is not a time.
+
+    Examples
+    --------
+    >>> from blur2view import timestamps_of
+    >>> timestamps_of(["1305031102.175304.png", "cam0/1403636579763555584.png"])
+    [1305031102.175304, 1403636579.7635558]
+    """
     found = []
     for path in paths:
         if (time := timestamp_of(path)) is None:
