@@ -159,7 +159,7 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
 def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
     """Return the jobs, with their images in a user's project if one is given."""
     if project is None:
-        rule = "its name is no UTF-8, which a database needs; rename it"
+        rule = "its name is not UTF-8, which a database needs; rename it"
         refusals = [None if storable(job.name) else DatabaseError(f"{job.source}: {rule}") for job in jobs]
         return [replace(job, refusal=job.refusal or why) for job, why in zip(jobs, refusals, strict=True)]
     planned = []

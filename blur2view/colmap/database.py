@@ -47,7 +47,7 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
     Without F and H nothing is matched. A database of nothing but views is replaced. DatabaseError if any
-    other file is there, or it cannot be written; ValueError if two photographs have one name, or a name is no
+    other file is there, or it cannot be written; ValueError if photographs share a name, or one is not
     UTF-8.
     """
     path, names = Path(path), [views.name for views in photographs]

@@ -91,7 +91,7 @@ def database_errors(path: Path) -> Iterator[None]:
             raise DatabaseError(f"{path}: {why}") from None
         if any(words in why for words in FOREIGN):
             remedy = "name the one that COLMAP's --database_path names"
-            raise DatabaseError(f"{path}: is no COLMAP database ({why}); {remedy}") from None
+            raise DatabaseError(f"{path}: is not a COLMAP database ({why}); {remedy}") from None
         raise DatabaseError(f"{path}: cannot be used ({why}); {REMEDY}") from None
 
 
@@ -129,7 +129,7 @@ def _refuse_triggers(database: Connection) -> None:
 
 
 def image_names(database: Connection) -> dict[str, int]:
-    """Return the id of every image by its name, in the order of ids; names that are no UTF-8 are left out."""
+    """Return the id of every image by its name, in the order of ids; those not in UTF-8 are left out."""
     rows = database.execute("SELECT name, image_id FROM images ORDER BY image_id").fetchall()
     return {name: number for name, number in rows if isinstance(name, str) and storable(name)}
 

@@ -164,7 +164,7 @@ def _opened(video: Path) -> Any:
         name = os.path.abspath(video)  # or FFmpeg takes what is before a colon for a protocol, as tcp:HOST
         name.encode()
     except UnicodeError:  # at which OpenCV ends the process
-        raise ImageError(f"{video}: its name is no UTF-8, which OpenCV needs; rename it") from None
+        raise ImageError(f"{video}: its name is not UTF-8, which OpenCV needs; rename it") from None
     os.environ.setdefault(*FILES_ONLY)  # which OpenCV reads whenever it opens a video
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     if not capture.isOpened():
