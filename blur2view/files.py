@@ -87,7 +87,24 @@ def open_picture(content: bytes | BinaryIO) -> "ImageFile":
     known = [name for name in FORMATS if name != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
     extras = [name for name in FORMATS_BY_EXTRAS if name in Image.OPEN]
     file = io.BytesIO(content) if isinstance(content, bytes) else content
-    return Image.open(file, formats=[*known, *extras])
+    try:
+        return Image.open(file, formats=[*known, *extras])
+    except ValueError as error:
+        if "MAX_TEXT" not in str(error):
+            raise
+        file.seek(0)
+        return Image.open(io.BytesIO(_without_texts(file.read())), formats=["PNG"])
+
+
+def _without_texts(png: bytes) -> bytes:
+    """Return a PNG without its text chunks, the longest of which Pillow refuses."""
+    kept, start = [png[:8]], 8
+    while start < len(png):
+        end = start + 12 + int.from_bytes(png[start : start + 4])
+        if png[start + 4 : start + 8] not in (b"tEXt", b"zTXt", b"iTXt"):
+            kept.append(png[start:end])
+        start = end
+    return b"".join(kept)
 
 
 def file_digest(path: Path) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PIL import Image, TiffImagePlugin
+from PIL import Image, PngImagePlugin, TiffImagePlugin
 
 from blur2view.errors import ImageError
 from blur2view.images.image import read_image, read_orientation, read_picture
@@ -100,6 +100,13 @@ def with_orientation(png: bytes, orientation: int) -> bytes:
     chunk = b"eXIf" + exif.tobytes().removeprefix(b"Exif\0\0")
     framed = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
     return png[:33] + framed + png[33:]
+
+
+def test_png_with_a_long_comment_is_read(tmp_path: Path) -> None:
+    comment = PngImagePlugin.PngInfo()
+    comment.add_text("Comment", "x" * (2 << 20), zip=True)
+    path = saved(tmp_path / "a.png", RGB8, pnginfo=comment)
+    np.testing.assert_array_equal(read_picture(path).pixels, RGB8)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.9])
