@@ -190,10 +190,15 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
     return {GRID_KEY: grid.cells.astype(np.float16), **blur, **named}
 
 
+MAX_BYTES = 1 << 28  # bound, of a file's arrays; the largest photograph has 12 MB of them
+
+
 def load_smears(path: str | Path) -> SmearGrid:
     """Read the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError of any other file."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
+            if sum(member.file_size for member in arrays.zip.infolist()) > MAX_BYTES:
+                raise ValueError("more than a photograph's smears")  # zeros that were packed
             cells = arrays[GRID_KEY].astype(np.float32)
             blur = arrays[BLUR_KEY].astype(np.float32) if BLUR_KEY in arrays else None
             if not np.isfinite(cells).all() or (blur is not None and not np.isfinite(blur).all()):

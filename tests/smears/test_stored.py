@@ -1,6 +1,7 @@
 """Smears in a file: the network's grid gives every pixel back; what is no such file."""
 
 import os
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +70,13 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
+
+
+def test_small_file_of_many_zeros_is_refused_before_it_fills_the_memory(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.smear.npz", smear_grid=np.zeros((70_000, 1000), np.float32))
+    tracemalloc.start()
+    with pytest.raises(OutputError, match="whole"):
+        load_smears(tmp_path / "a.smear.npz")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 26
