@@ -27,8 +27,9 @@ from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_picture
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import publish, run, table
+from tools.evaluation.drawn_path import BLUE, ORANGE, Panel, draw_paths
 from tools.evaluation.placed import Poses, begun, camera_of, centre_of, extracted, poses_of
-from tools.rendering.video import VideoOptions, write_video
+from tools.rendering.video import Shake, VideoOptions, sample_exposures, write_video
 
 RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
 BETWEEN, MARGIN = 6, 4  # frames of the model from one run to the next, unless given, and at either end
@@ -36,6 +37,7 @@ RATES = (10, 30)  # frames a second
 SHAKES_PX = (10.0, 30.0)  # of a frame, root mean square
 SHORT, LONG = 0.05, 0.9  # exposures over frame interval, of frames of the model and of missing ones
 FRAMES = 20
+DRAWN = 5  # seed of the scene of the picture
 LEAD = """\
 Runs of frames are missing from a COLMAP model; `blur2view recover` registers them from its other frames.
 Renderings are of a hand's shake, sharp in the model and blurred where missing. The missing frames of a
@@ -167,6 +169,41 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
     return record
 
 
+def draw(case: Case, paths: Sequence[Shake], network: SmearNetwork, target: Path) -> None:
+    """Draw where the camera of a rendered case looks, by COLMAP's model and with the recovered frames."""
+    names = sorted(case.true)
+    found = recover_frames(case.folder / "model", case.folder / "frames", names, network=network)
+    known = [k for k, name in enumerate(names) if name not in case.missing]
+    spline = CameraPath(np.array(known), np.stack([case.true[names[k]] for k in known]), NEAR_FRAMES)
+    guessed = [spline.expected(names.index(name)) for name in case.missing]
+    first = paths[0]
+    whole = [first.pose((one.middle_s - first.middle_s) / first.exposure_s + tau)
+             for one in paths for tau in np.linspace(-0.55, 0.55, 12)]  # fmt: skip
+    line = gaze(whole)
+    model = gaze([case.true[names[k]] for k in known])
+    recovered = gaze([frame.pose for frame in found.recovered.values()])
+    registered = f"COLMAP's model: {len(known)} of {len(names)} frames, a spline (x) through them"
+    after = f"With recover: {len(known) + len(recovered)} of {len(names)}"
+    draw_paths(
+        [
+            Panel(
+                title=registered,
+                line=line,
+                dots={BLUE: model},
+                crosses=gaze([one.pose for one in guessed if one]),
+            ),
+            Panel(title=after, line=line, dots={BLUE: model, ORANGE: recovered}, crosses=np.zeros((0, 2))),
+        ],
+        target,
+    )
+
+
+def gaze(poses: Sequence[Array]) -> Array:
+    """Return where cameras (3, 4) look: degrees to the right and down of the z axis, (N, 2)."""
+    forwards = np.array([pose[2, :3] for pose in poses])
+    return np.asarray(np.degrees(np.arctan2(forwards[:, :2], forwards[:, 2:])))
+
+
 def row(name: str, missing: str, records: Sequence[dict[str, list[Any]]]) -> tuple[Any, ...]:
     """Return the row of a table, of medians over frames."""
     together = {key: sum((one[key] for one in records), []) for key in records[0]}
@@ -187,10 +224,16 @@ def main(
     scenes: int = 2,
     run_lengths: list[int] = RUNS,
     between: int = BETWEEN,
+    picture: Path | None = None,
     out: Path | None = None,
 ) -> None:
-    """Measure cases of a folder of renderings, and of a sequence."""
+    """Measure cases of a folder of renderings, and of a sequence; or draw one rendered case as a picture."""
     network, rows = SmearNetwork(), []
+    if picture is not None:
+        options = VideoOptions(rate=RATES[-1], share=LONG, frames=FRAMES, shake_px=SHAKES_PX[-1])
+        case = rendered(work, work / f"drawn_{DRAWN}", DRAWN, options, run_lengths[0])
+        draw(case, sample_exposures(np.random.default_rng([DRAWN, RATES[-1]]), options), network, picture)
+        return
     for rate, shake_px, run_length in product(RATES, SHAKES_PX, run_lengths if scenes else ()):
         options = VideoOptions(rate=rate, share=LONG, frames=FRAMES, shake_px=shake_px)
         folders = {seed: work / f"{rate}_{shake_px:g}_{run_length}_{seed}" for seed in range(scenes)}
