@@ -39,7 +39,7 @@ def write_stretched(
     """Write the photographs of a folder to another one, the contrast of dull ones stretched.
 
     They keep their names; the dull ones become grey, with their EXIF data; the others are links. A
-    photograph of 640x480 takes 10 ms.
+    photograph of 640x480 takes 40 ms at most.
 
     Parameters
     ----------

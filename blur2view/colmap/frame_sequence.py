@@ -37,8 +37,9 @@ MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
 MAX_DEPARTURE = 6.0  # standard deviations of the spline
 MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points are found than
 SURE_FOUND = 0.5  # share of the points in the picture
-# Of 69 rendered frames, runs of 3 of tools.evaluation.recovered with shakes of 10, 30 and 60 px, and of 83 of
-# RedKitchen, runs of 3 with smears of 6 to 53 px, by likelihood and coverage: 90 % hold at 90 %
+# These and SPLINE_TAIL by likelihood and coverage of 11 rendered frames, runs of 3 of
+# tools.evaluation.recovered with shakes of 10 and 30 px, and of RedKitchen's runs of 3 with smears of 6 to
+# 53 px and of 6 at 38 px: 90 % hold at 90 %
 INDEPENDENT_SHARE = 0.007  # share of the matches: a point is found in several neighbours, and patches overlap
 KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur leaves in a pose
 BEND_ERROR = 0.04  # the same, relative to the bend
@@ -154,7 +155,7 @@ class FrameSequence:
         if found is None or (reason := refusal(found, expected)):
             raise ImageError(TOO_FEW if found is None else reason)
         # recovered frames, which erred with this one, would be counted twice: of runs of 6 in RedKitchen
-        # regions of 90 % held 0.48 with them, and 0.90 without
+        # regions of 90 % held 0.48 with them, and 0.69 without
         pose, covariance = weighted_mean(found, self.expected(name, self.images))
         scale = view.grid.size[0] / view.camera.width
         return RecoveredFrame(

@@ -35,7 +35,7 @@ CLOSE_MOVED = 0.2  # difference of the smeared share from one half that is close
 # alone; else the sum of these, of the U-Net's and the logarithm of the smooth motion's length over
 # `PLAIN_PX`, by these factors, less a constant. A logistic regression on 134 pictures whose cells leave it
 # open (every second of sharp, soft and smeared photographs, layers, RedKitchen and the phone) has about
-# these; on the other 120 it errs in 13, the U-Net and the length alone in 16, and of 7 above 0.8 all moved.
+# these; on the other 120 it errs in 13, the U-Net and the length alone in 16, and of 6 above 0.8 all moved.
 BY_CELLS_ALONE, BY_CELLS, BY_PICTURE, LESS = 1.5, 0.6, 0.8, 1.0
 MOST_ODDS, PICTURE_ODDS, LENGTH_ODDS = 4.6, 6.0, 2.5  # largest log-odds of cells, U-Net and length: bounds
 # Length of what is surely smeared, pixels and standard deviations; share of the cells that must be so.
