@@ -249,12 +249,12 @@ def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | Non
 def _identified(job: Job) -> Job:
     """Return a job with the digests of its file and all else that its result depends on; or its refusal.
 
-    A photograph without neighbours is read here, once.
+    A photograph without neighbours is read here, unless it has been.
     """
     if job.refusal is not None:
         raise job.refusal
     alone = job.source.frame is None and not job.neighbours
-    content = job.source.read() if alone else b""
+    content = job.content or (job.source.read() if alone else b"")
     own = hashlib.sha256(content).hexdigest() if alone else _digest_of(job.source.path)
     near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near

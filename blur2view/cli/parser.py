@@ -115,6 +115,13 @@ def frame_or_seconds(text: str) -> int | float:
     return quantity("a frame as 120 or a time as 12.5s", lambda _, unit: unit, s=1)(text)
 
 
+def neighbours(text: str) -> int | float:
+    """Return a number of neighbours, at least 1, or a duration in seconds, above 0, as a float."""
+    if text.isdecimal():
+        return whole(1)(text)
+    return quantity("a number as 10 or a duration as 0.5s", lambda value, unit: unit and value > 0, s=1)(text)
+
+
 def dask_address(text: str) -> str:
     """Return the address of a scheduler that is reached by TCP, which alone is tried."""
     if not re.fullmatch(r"tcp://(\[[\d:.a-fA-F]+\]|[^/:\[\]]+):\d{1,5}", text):

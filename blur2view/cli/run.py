@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
@@ -53,6 +53,7 @@ class Run:
     ) -> None:
         self.options, self.inputs = options, options.reading.inputs()
         self.jobs: Sequence[Job] = list(self._jobs(endings, beside))
+        self.looked_at: Iterable[Job] | None = None  # those of the jobs that a command chooses, if it does
         self.outcomes: list[tuple[Job, Outcome]] = []
         self.early_exit_code = DONE  # another one if it was interrupted or nothing can be done any more
         self.seconds = 0.0
@@ -125,6 +126,7 @@ class Run:
         full disk. ModelError or OutputError of what cannot be used.
         """
         start, count = time.monotonic(), len(self.jobs)
+        places = {job.source: place for place, job in enumerate(self.jobs, 1)}
         try:
             with waiting("photographs", hidden=self.options.printing.quiet) as show:
                 self._check(targets, checked)
@@ -133,7 +135,7 @@ class Run:
                     for job, outcome in results:
                         self.outcomes.append((job, outcome))
                         self._print(outcome, lines=lines and not self.options.silent)
-                        show(len(self.outcomes), count)
+                        show(places[job.source], count)
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
         except (RunError, OutputError) as error:
@@ -182,10 +184,11 @@ class Run:
         """Return a generator of the jobs with their outcomes."""
         many, find = self.options.many, self._done_before if self.options.folder.resume else lambda job: None
         do, look = partial(work, self.options), partial(features_in, self.options.as_stored)
+        jobs = self.jobs if self.looked_at is None else self.looked_at
         if many.dask is not None:
-            return in_cluster(do, self.jobs, find, look, address=many.dask)
+            return in_cluster(do, jobs, find, look, address=many.dask)
         count = max(min(many.jobs or usable_cores(), len(self.jobs)), 1)
-        return in_processes(do, self.jobs, find, look, count=count)
+        return in_processes(do, jobs, find, look, count=count)
 
     def _done_before(self, job: Job) -> Outcome | None:
         """Return the outcome of a photograph whose files are there, from the same input and options."""

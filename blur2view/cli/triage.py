@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Annotated
 
 import cv2
+import numpy as np
 
+from blur2view.cli.choosing import candidates
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
-from blur2view.cli.parser import flag, length, option, radius
+from blur2view.cli.parser import flag, length, neighbours, option, radius
 from blur2view.cli.run import Run, estimate_file
-from blur2view.errors import OutputError
+from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source
-from blur2view.images.video import read_frame
+from blur2view.images.video import frame_rate, read_frame
 from blur2view.networks.smear_network import Detail
 from blur2view.results.record import Record, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
@@ -44,7 +46,9 @@ LIST = """
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
     The folder must be empty or new, or hold what an earlier call of this kind wrote; of that what is no
     longer kept is removed
---every-best: of every N neighbours in a video or folder, in the order that names them, one is kept
+--every-best: of every N neighbours in a video or folder, in the order that names them, one is kept. Without
+    --csv it and, of videos, --best look closely at the third with the most gradient energy among up to 12
+    neighbours; the others have no line
 """
 
 
@@ -64,8 +68,9 @@ class TriageOptions(Command):
         videos as PNG, see below""")
     blurred: bool = flag("--blurred: keep the blurred ones, too, that geometry can use")
     best: int | None = option("""--best N: keep the N sharpest: those called sharp before others, then by the
-        width of all of the blur""")
-    every_best: int | None = option("--every-best N: keep the sharpest of every N neighbours")
+        width of all of the blur; of frames of videos the sharpest of each of N equal parts""")
+    every_best: Annotated[float | None, neighbours] = option("""--every-best N: keep the sharpest of every N
+        neighbours, or as 0.5s of every so many seconds of a video""")
     max_smear: Annotated[float, length] = option(
         """--max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to
         which half of its SIFT features are still matched)""",
@@ -103,6 +108,8 @@ class TriageOptions(Command):
             run.jobs = [_listable(job) for job in run.jobs]
         if self.extract is not None:
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
+        if self._compares_gradients:
+            run.looked_at = candidates(self._groups(run.jobs))
         run.do(look_at, total=False, checked=self.extract, keep=self.keep)
         if run.done and not run.early_exit_code:
             self._write(run)
@@ -110,18 +117,21 @@ class TriageOptions(Command):
 
     def _write(self, run: Run) -> None:
         """Write list and pictures, and print the closing line."""
-        kept = self._kept({job: outcome.record for job, outcome in run.outcomes if not outcome.error})
+        kept = self._kept(run.jobs, {job.source: outcome.record for job, outcome in run.outcomes})
         if self.keep is not None:
             text = "".join(f"{job.name}\n" for job in kept)
             write_file(self.keep, text.encode("utf-8", "surrogateescape"), noted=True)
         if self.extract is not None:
             targets = extracted(self.extract, run.jobs)
-            done = [job.source for job, outcome in run.outcomes if not outcome.error]
-            extract({source: targets[source] for source in done}, {job.source for job in kept})
+            failed = {job.source for job, outcome in run.outcomes if outcome.error}
+            whole = {source: path for source, path in targets.items() if source not in failed}
+            extract(whole, {job.source for job in kept})
         if self.silent:
             return
         uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
         said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"
+        if said and self._compares_gradients:
+            said += f" of {len(run.jobs)}"
         if said and not kept:
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
@@ -132,24 +142,50 @@ class TriageOptions(Command):
         counts = {counted.get(use, use): uses[use] for use in (*Use, "")}
         run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
-    def _kept(self, read: Mapping[Job, Record]) -> list[Job]:
+    @property
+    def _compares_gradients(self) -> bool:
+        """Whether gradients leave out most neighbours before the network looks; a table has a row of all."""
+        return self.table.csv is None and (self.every_best or self.best) is not None
+
+    def _groups(self, jobs: Sequence[Job]) -> list[list[Job]]:
+        """Return the groups of photographs of each of which the sharpest is kept."""
+        if self.best is not None and any(job.source.frame is None for job in jobs):
+            return [[job] for job in jobs]
+        if self.best is not None:
+            return [
+                [jobs[k] for k in part]
+                for part in np.array_split(np.arange(len(jobs)), self.best)
+                if part.size
+            ]
+        folders, groups = dict[Path, list[Job]](), list[list[Job]]()
+        for job in jobs:
+            folders.setdefault(job.source.folder, []).append(job)
+        for own in folders.values():
+            count = self._neighbours(own[0].source)
+            groups += [own[first : first + count] for first in range(0, len(own), count)]
+        return groups
+
+    def _neighbours(self, source: Source) -> int:
+        """Return of how many neighbours one is kept; ImageError for seconds of what is not a video."""
+        if self.every_best is None or isinstance(self.every_best, int):
+            return self.every_best or 1
+        if source.frame is None:
+            raise ImageError(f"{source}: is not a frame of a video; name a number with --every-best")
+        return max(round(self.every_best * frame_rate(source.path) / self.reading.every), 1)
+
+    def _kept(self, jobs: Sequence[Job], found: Mapping[Source, Record]) -> list[Job]:
         """Return the photographs to keep, in order."""
+        read = {job: found[job.source] for job in jobs if job.source in found and not found[job.source].error}
 
         def width(job: Job) -> tuple[bool, float]:
             blur_px = read[job].blur_px  # where nothing is seen it comes last
             return read[job].use != Use.SHARP, inf if blur_px is None else blur_px
 
-        if self.best is not None:
-            chosen = set(sorted(read, key=width)[: self.best])
-        elif self.every_best is not None:
-            folders = dict[Path, list[Job]]()
-            for job in read:
-                folders.setdefault(job.source.folder, []).append(job)
-            chosen = {
-                min(jobs[first : first + self.every_best], key=width)
-                for jobs in folders.values()
-                for first in range(0, len(jobs), self.every_best)
-            }
+        if self.best is not None or self.every_best is not None:
+            groups = [[job for job in group if job in read] for group in self._groups(jobs)]
+            chosen = {min(group, key=width) for group in groups if group}
+            if self.best is not None:
+                chosen = set(sorted(chosen, key=width)[: self.best])
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
             chosen = {job for job, photograph in read.items() if photograph.use in wanted}

@@ -14,6 +14,7 @@ from typing import BinaryIO, Self
 
 import cv2
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.files import is_ours, open_picture, read_regular, read_stream, real_paths
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES, read_content
@@ -61,7 +62,12 @@ class Source:
         """
         if self.frame is None:
             return read_content(self.path)
-        return bytes(cv2.imencode(".bmp", read_frame(self.path, self.frame))[1])
+        return bitmap(read_frame(self.path, self.frame))
+
+
+def bitmap(pixels: AnyArray) -> bytes:
+    """Return the content of a file with these pixels (H, W, 3), BGR, uint8."""
+    return bytes(cv2.imencode(".bmp", pixels)[1])
 
 
 def has_frames(path: Path) -> bool:

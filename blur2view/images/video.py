@@ -40,6 +40,13 @@ def rows_towards(video: Path) -> tuple[int, int]:
     return ROWS_TOWARDS.get(turned % 360, (0, 1))
 
 
+def frame_rate(video: Path) -> float:
+    """Return the frames a second that a video states; ImageError if it states none, or cannot be opened."""
+    if (rate := float(_opened(video).get(cv2.CAP_PROP_FPS))) <= 0:
+        raise ImageError(f"{video}: does not state its frame rate; name frames by number")
+    return rate
+
+
 def frame_numbers(
     video: Path, *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> range:
