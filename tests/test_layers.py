@@ -30,6 +30,7 @@ ROWS = [
     "results",
     "colmap",
     "__init__",
+    "reconstruction",
     "cli",
     "__main__",
 ]

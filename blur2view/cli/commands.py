@@ -25,6 +25,7 @@ COMMANDS = {
     "recover": "register the frames of a video that COLMAP's model lacks because they are too blurred for it",
     "to-transforms": "write a COLMAP model with views as transforms.json, for radiance fields of blurred "
     "photographs",
+    "reconstruct": "make a scene of a blurred video: its frames with a pose each, ready to train",
     "report": "write one HTML page that shows the result of each photograph",
     "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
 }

@@ -82,7 +82,7 @@ def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMas
     photograph = _reduced(shown(image), SIDE_PX)
     height, width = photograph.shape[:2]
     uri = _webp(photograph, QUALITY)
-    json = _uri("application/json", record.to_json().encode("utf-8", "surrogateescape"))
+    json = data_uri("application/json", record.to_json().encode("utf-8", "surrogateescape"))
     html = f"""<h2>{escape(record.name)}, {record.width} x {record.height} pixels</h2>
 <h3>{escape(record.verdict)}</h3>
 {boxes}
@@ -193,9 +193,9 @@ def _webp(picture: Picture, quality: int) -> str:
     pixels = np.ascontiguousarray(picture[..., order])
     ways = (quality, LOSSLESS) if len(order) == 4 else (quality,)
     encoded = (cv2.imencode(".webp", pixels, (cv2.IMWRITE_WEBP_QUALITY, way))[1] for way in ways)
-    return _uri("image/webp", min((one.tobytes() for one in encoded), key=len))
+    return data_uri("image/webp", min((one.tobytes() for one in encoded), key=len))
 
 
-def _uri(kind: str, content: bytes) -> str:
+def data_uri(kind: str, content: bytes) -> str:
     """Return content as a data URI of a media type."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

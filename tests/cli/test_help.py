@@ -14,7 +14,7 @@ from blur2view.results.record import explanations
 from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]
-WITHOUT_ESTIMATE = ("place", "recover", "to-transforms")
+WITHOUT_ESTIMATE = ("place", "reconstruct", "recover", "to-transforms")
 HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap"]
 
 

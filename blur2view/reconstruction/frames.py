@@ -1,0 +1,109 @@
+"""The frames of a video, and which of them COLMAP gets: the sharpest of each stretch of the camera's way."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import AnyArray
+from blur2view.errors import ImageError
+from blur2view.images.image import read_picture
+from blur2view.images.inputs import Source, list_photographs
+from blur2view.images.video import EndOfVideo, is_video, read_frame
+
+FRAME_DIGITS = 5  # as ns-process-data names frames
+THUMBNAIL_PX, ENERGY_PX = 160, 960  # longer sides: of what shows how the picture moves, and how sharp it is
+STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
+FEWEST = 12  # stretches, where there are so many frames
+
+
+class Frame(NamedTuple):
+    """A frame that was looked at."""
+
+    name: str  # below ``images``
+    number: int  # in the video, or its place in the folder
+    energy: float  # of the gradient, mean square over the variance: how sharp it is among its neighbours
+    moved: float  # of the picture since the frame before, of its longer side
+
+
+def sources_of(video: Path) -> list[tuple[str, Source]]:
+    """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
+    inputs = list_photographs([str(video)], recursive=True)
+    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
+        raise ImageError(refusals[0])
+    if is_video(video):
+        return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
+    if not video.is_dir():
+        raise ImageError(f"{video}: is neither a video nor a folder of its frames; name one")
+    return list(zip(inputs.names(), inputs.sources, strict=True))
+
+
+def content_of(source: Source) -> bytes:
+    """Return a frame as it is stored in a scene: a photograph as it is, a video's frame as PNG."""
+    if source.frame is None:
+        return source.read()
+    return bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])
+
+
+def looked_at(
+    listed: Sequence[tuple[str, Source]], show: Callable[[int, int], None] = lambda done, count: None
+) -> Iterator[Frame]:
+    """Yield every frame with its sharpness and how far the picture moved; a video may end early."""
+    before, window = None, None
+    for place, (name, source) in enumerate(listed):
+        show(place, len(listed))
+        try:
+            grey = _grey(source)
+        except EndOfVideo as end:
+            if end.whole and place:
+                return
+            raise
+        thumbnail = np.asarray(_reduced(grey, THUMBNAIL_PX), np.float32)
+        moved = 0.0
+        if before is not None and before.shape == thumbnail.shape:
+            window = (
+                window if window is not None else cv2.createHanningWindow(thumbnail.shape[::-1], cv2.CV_32F)
+            )
+            shift = np.array(cv2.phaseCorrelate(before, thumbnail, window)[0])
+            moved = float(np.linalg.norm(shift)) / max(thumbnail.shape)
+        before = thumbnail
+        yield Frame(name, place if source.frame is None else source.frame, _energy(grey), moved)
+
+
+def _grey(source: Source) -> AnyArray:
+    if source.frame is not None:
+        return np.asarray(cv2.cvtColor(read_frame(source.path, source.frame), cv2.COLOR_BGR2GRAY))
+    levels = read_picture(source.path, as_stored=True).levels()
+    return np.asarray(np.rint(255 * cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY)), np.uint8)
+
+
+def _reduced(grey: AnyArray, side: int) -> AnyArray:
+    scale = min(1.0, side / max(grey.shape))
+    return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+
+
+def _energy(grey: AnyArray) -> float:
+    """Return the mean square of the gradient over the picture's variance."""
+    values = np.asarray(_reduced(grey, ENERGY_PX), np.float32)
+    across, down = np.diff(values, axis=1), np.diff(values, axis=0)
+    return float(((across**2).mean() + (down**2).mean()) / (values.var() + 1.0))
+
+
+def chosen(frames: Sequence[Frame], limit: int) -> list[Frame]:
+    """Return the sharpest frame of each stretch, ``limit`` at most; a stretch is as far as the picture moves.
+
+    Where it hardly moves, stretches are of as many frames each.
+    """
+    way = np.cumsum([frame.moved for frame in frames])
+    count = int(np.clip(way[-1] / STRETCH, min(FEWEST, len(frames)), min(limit, len(frames))))
+    even = np.arange(len(frames)) / len(frames)
+    along = way / way[-1] if way[-1] > STRETCH else even
+    # a share by time, so that no pause is left without frames
+    stretches = np.minimum((count * (0.8 * along + 0.2 * even)).astype(int), count - 1)
+    best = dict[int, Frame]()
+    for stretch, frame in zip(stretches.tolist(), frames, strict=True):
+        if stretch not in best or frame.energy > best[stretch].energy:
+            best[stretch] = frame
+    return list(best.values())

@@ -1,0 +1,329 @@
+"""From a blurred video to a scene: COLMAP maps the sharpest frames, and the others are recovered.
+
+The steps are the functions that the commands call: frames are chosen, mapped by COLMAP (`mapping`), recovered
+(`colmap.recovery`), written with and without the views of exposures (`colmap.models`), and for a trainer
+(`colmap.transforms`). Each is noted when it is done (`scene`). Measured by
+``python -m tools.evaluation.reconstructed``.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from blur2view import __version__
+from blur2view.camera import Camera
+from blur2view.colmap import transforms
+from blur2view.colmap.frame_sequence import FrameSequence
+from blur2view.colmap.models import ids_of, read_model, write_model
+from blur2view.colmap.recovery import recovery_of
+from blur2view.colmap.recovery_run import Notes, recover_all
+from blur2view.errors import DatabaseError, ImageError
+from blur2view.files import file_digest, writable_folder, write_beside, write_file
+from blur2view.images.image import read_picture
+from blur2view.images.inputs import Source
+from blur2view.networks.model_file import usable_cores
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.pipeline import estimate
+from blur2view.reconstruction import mapping
+from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
+from blur2view.reconstruction.scene import Scene
+from blur2view.reconstruction.timeline import Seen, timeline
+
+FRAMES = 300  # that are chosen at most, as by ns-process-data
+CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
+MAPPERS = ("incremental", "global")
+IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
+TRANSFORMS, REPORT, WORK = "transforms.json", "report.html", "work"
+MAX_MAPPED_PX = 12.0  # of a smear: COLMAP registers longer ones worse than `recover_frames` does
+MIN_SHARP = 0.4  # share of the chosen frames that is sharper; else all are mapped
+MIN_REGISTERED = 0.5  # share of the mapped frames; with fewer they are read anew by `blurred_options`
+Show = Callable[[int, int], None]
+Step = Callable[[str], AbstractContextManager[Show]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructionOptions:
+    """What a scene is made by; equal options and video make equal scenes."""
+
+    frames: int = FRAMES  # that are chosen, at most
+    all_frames: bool = False  # whether the frames that are not chosen are recovered, too
+    camera_model: str = CAMERA_MODELS[0]
+    camera: str = ""  # as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS..."; empty if unknown
+    mapper: str = MAPPERS[0]
+    dialect: str = transforms.NERFSTUDIO
+    exposure_s: float = 1.0  # for nerfstudio's velocities
+
+    def __post_init__(self) -> None:
+        if self.camera_model not in CAMERA_MODELS:
+            raise ValueError(
+                f"the camera model must be one of {', '.join(CAMERA_MODELS)}; smears are straight"
+            )
+        if self.mapper not in MAPPERS or self.dialect not in (transforms.NERFSTUDIO, transforms.INSTANT_NGP):
+            raise ValueError("mapper must be incremental or global, dialect nerfstudio or instant-ngp")
+        if self.frames < 3:
+            raise ValueError(f"a scene needs 3 frames or more, got {self.frames}")
+        if self.camera:
+            Camera.from_string(self.camera)  # which checks it
+
+    @property
+    def for_colmap(self) -> tuple[str, str]:
+        """COLMAP's camera model and parameters, empty if unknown."""
+        if not self.camera:
+            return self.camera_model, ""
+        model, _, _, *parameters = self.camera.split()
+        return model, ",".join(parameters)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reconstruction:
+    """A scene that was made, by names of frames in order."""
+
+    folder: Path
+    looked_at: tuple[str, ...]  # frames of the video
+    chosen: tuple[str, ...]  # that are sharpest
+    mapped: tuple[str, ...]  # that COLMAP got
+    registered: tuple[str, ...]  # by COLMAP
+    recovered: tuple[str, ...]  # by their blur
+    refused: Mapping[str, str]  # the reason
+    other_models: tuple[int, ...]  # frames in each further model, which the scene lacks
+    smear_px: Mapping[str, float | None]  # of frames that were delivered; None where it is unknown
+
+    def median_smear_px(self, names: Sequence[str]) -> float | None:
+        """Return the median smear of frames; None if none is known."""
+        known = [smear for name in names if (smear := self.smear_px.get(name)) is not None]
+        return median(known) if known else None
+
+
+def reconstruct(
+    video: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    options: ReconstructionOptions | None = None,
+    *,
+    network: SmearReader | None = None,
+    jobs: int | None = None,
+    step: Step = lambda text: nullcontext(lambda done, count: None),
+) -> Reconstruction:
+    """Make a scene of a blurred video: a folder that trainers of radiance fields and COLMAP read.
+
+    The same call goes on where one was ended, by Ctrl-C or killed.
+
+    Parameters
+    ----------
+    video
+        A video, or a folder of the frames of one.
+    folder
+        Where the scene goes: ``images``, ``sparse/0`` (COLMAP's model of these), ``exposures`` (the same
+        with the poses NAME#open and NAME#close of recovered frames), ``database.db``, ``transforms.json``
+        and ``sparse_pc.ply``, ``report.html``. New, empty, or of an earlier call.
+    options
+        Which frames, camera and mapper.
+    network
+        Reads smears; by default a new `SmearNetwork`.
+    jobs
+        Processes that recover frames, by default one per core; any number gives the same scene.
+    step
+        Is entered for each step with its name; gives what gets how many parts are done, of how many.
+
+    Raises
+    ------
+    DatabaseError
+        If COLMAP makes no model; the message says why.
+    OutputError
+        If the folder cannot be used.
+    ImageError
+        If the video cannot be read.
+    """
+    options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
+    listed = dict(sources_of(video))
+    writable_folder(folder)
+    with step("reading the video"):
+        scene = Scene(folder, _digest(video, listed, options))
+    network = network or SmearNetwork()
+    work, images = folder / WORK, folder / IMAGES
+
+    def choose() -> dict[str, Any]:
+        with step("looking at frames") as show:
+            frames = list(looked_at(list(listed.items()), show))
+        if len(frames) < 3:
+            raise ImageError(f"{video}: has {len(frames)} frames; a scene needs 3 or more")
+        best = [frame.name for frame in chosen(frames, options.frames)]
+        return {"frames": frames, "chosen": best}
+
+    first = scene.step("choose", [], choose)
+    frames = [Frame(*values) for values in first["frames"]]
+    best: list[str] = first["chosen"]
+    kept = [frame.name for frame in frames] if options.all_frames else best
+
+    def write_images() -> int:
+        with step("writing frames") as show:
+            for done, name in enumerate(kept):
+                show(done, len(kept))
+                if not (images / name).is_file():  # one that is there is whole
+                    write_file(images / name, content_of(listed[name]))
+        return len(kept)
+
+    scene.step("images", [f"{IMAGES}/{name}" for name in kept], write_images)
+    seen = scene.step("look", [], partial(_look, images, kept, work / "look.jsonl", network, step))
+    smears: dict[str, float | None] = {name: values[1] for name, values in seen.items()}
+    sharp = [name for name in best if (smears[name] or 0.0) <= MAX_MAPPED_PX]
+    mapped = sharp if len(sharp) >= max(3, MIN_SHARP * len(best)) else best
+    way = sum(frame.moved for frame in frames)
+    named = f"{work.name}/model/images.bin"
+    counts = scene.step("map", [named, DATABASE], partial(_map, folder, mapped, options, way, step))
+    recovering = partial(_recover, folder, kept, network, jobs or usable_cores(), step)
+    found = scene.step("recover", [f"{SPARSE}/images.bin", f"{EXPOSURES}/images.bin"], recovering)
+    result = Reconstruction(
+        folder=folder,
+        looked_at=tuple(frame.name for frame in frames),
+        chosen=tuple(best),
+        mapped=tuple(mapped),
+        registered=tuple(found["registered"]),
+        recovered=tuple(found["recovered"]),
+        refused=found["refused"],
+        other_models=tuple(counts["others"]),
+        smear_px=smears,
+    )
+    trainer = [TRANSFORMS, transforms.PLY] if options.dialect == transforms.NERFSTUDIO else [TRANSFORMS]
+    scene.step("transforms", trainer, partial(_write_transforms, folder, options))
+
+    def write_report() -> str:
+        with step("writing the report"):
+            kinds = {name: values[0] for name, values in seen.items()}
+            page = timeline(_seen(frames, kinds, result), folder / EXPOSURES, images, video.name, __version__)
+            write_file(folder / REPORT, page)
+        return REPORT
+
+    scene.step("report", [REPORT], write_report)
+    shutil.rmtree(work / "models", ignore_errors=True)
+    return result
+
+
+def _digest(video: Path, listed: Mapping[str, Source], options: ReconstructionOptions) -> str:
+    """Return the SHA-256 of the frames' content and of the options."""
+    files = [video] if video.is_file() else [source.path for source in listed.values()]
+    every = __version__, [file_digest(file) for file in files], list(listed), options
+    return hashlib.sha256(repr(every).encode()).hexdigest()
+
+
+def _look(
+    images: Path, names: Sequence[str], notes: Path, network: SmearReader, step: Step
+) -> dict[str, tuple[str, float | None]]:
+    """Return what blurred each frame, and the length of its smear; ``notes`` keep what is done."""
+    found = dict[str, tuple[str, float | None]]()
+    if notes.is_file():
+        found = {
+            name: (kind, smear) for name, kind, smear in map(json.loads, notes.read_text().split("\n")[:-1])
+        }
+        write_file(notes, "".join(json.dumps([name, *found[name]]) + "\n" for name in found).encode())
+    notes.parent.mkdir(parents=True, exist_ok=True)
+    with step("reading blur") as show, open(notes, "a") as file:
+        for done, name in enumerate(names):
+            show(done, len(names))
+            if name in found:
+                continue
+            picture = read_picture(images / name, as_stored=True)
+            blur = estimate(picture.pixels, network=network, detail=Detail.RANKING).blur
+            smear_px = blur.smear_px if blur.kind.of_camera else 0.0
+            found[name] = str(blur.kind), None if smear_px is None else float(smear_px)
+            file.write(json.dumps([name, *found[name]]) + "\n")
+            file.flush()
+    return found
+
+
+def _map(
+    folder: Path, names: Sequence[str], options: ReconstructionOptions, way: float, step: Step
+) -> dict[str, Any]:
+    """Write COLMAP's database and its largest model; DatabaseError if it makes none."""
+    work, images, models = folder / WORK, folder / IMAGES, list[Any]()
+    for blurred in (False, True):
+        database = work / f"matches_{blurred:d}.db"
+        with step("finding and matching features" + (" of blurred frames" if blurred else "")):
+            mapping.match(database, images, names, camera=options.for_colmap, blurred=blurred)
+        with step("mapping"):
+            shutil.rmtree(work / "models", ignore_errors=True)
+            there = work / "models"
+            found = mapping.mapped(
+                database, images, there, mapper=options.mapper, camera_known=bool(options.camera)
+            )
+        if found and (not models or found[0].num_reg_images() > models[0].num_reg_images()):
+            models = found
+            shutil.copyfile(database, work / "best.db")
+        if models and models[0].num_reg_images() >= MIN_REGISTERED * len(names):
+            break
+    if not models:
+        why = mapping.why_no_model(work / "matches_0.db", way)
+        raise DatabaseError(f"{folder}: COLMAP makes no model of {len(names)} frames: {why}")
+    write_model(models[0], work / "model", images, folder / DATABASE)
+    (work / "best.db").replace(folder / DATABASE)
+    return {"others": [model.num_reg_images() for model in models[1:]]}
+
+
+def _recover(
+    folder: Path, names: Sequence[str], network: SmearReader, jobs: int, step: Step
+) -> dict[str, Any]:
+    """Write the model with what is recovered, with and without views."""
+    with step("recovering frames") as show:
+        sequence = FrameSequence(folder / WORK / "model", folder / IMAGES, names, network)
+        notes = Notes(folder / WORK / "recovering.jsonl", sequence)
+        recover_all(sequence, jobs=jobs, notes=notes, show=show)
+        found = recovery_of(sequence, ids_of(folder / DATABASE), views=True)
+    known = {*found.registered, *found.recovered}
+    images, database = folder / IMAGES, folder / DATABASE
+    write_model(transforms.keep_photographs(found.model, known), folder / SPARSE, images, database)
+    write_model(found.model, folder / EXPOSURES, images, database)
+    notes.remove()
+    return {
+        "registered": found.registered,
+        "recovered": list(found.recovered),
+        "refused": dict(found.refused),
+    }
+
+
+def _write_transforms(folder: Path, options: ReconstructionOptions) -> int:
+    """Write the scene for a trainer; return how many frames it has."""
+    model = read_model(folder / EXPOSURES)
+    posed = {image.name: image for image in model.images.values() if image.has_pose}
+    try:
+        exposed = transforms.exposed_images(model, folder / EXPOSURES)
+    except DatabaseError:  # no frame is blurred
+        exposed = [transforms.Exposed(posed[name], (), None) for name in sorted(posed)]
+    content = transforms.content_of(
+        model,
+        folder / EXPOSURES,
+        exposed,
+        dialect=options.dialect,
+        images=IMAGES,
+        exposure_s=options.exposure_s,
+    )
+    content = {"generator": f"blur2view {__version__}", **content}
+    files = {folder / transforms.PLY: transforms.point_cloud(model)} if transforms.PLY_KEY in content else {}
+    files[folder / TRANSFORMS] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    write_beside(files)
+    return len(exposed)
+
+
+def _seen(frames: Sequence[Frame], kinds: Mapping[str, str], result: Reconstruction) -> list[Seen]:
+    """Return what the report shows of each frame."""
+    fates = dict.fromkeys(result.registered, "registered") | dict.fromkeys(result.recovered, "recovered")
+    fates |= dict.fromkeys(result.refused, "refused")
+    best = set(result.chosen)
+    return [
+        Seen(
+            name=frame.name,
+            number=frame.number,
+            kind=kinds.get(frame.name, ""),
+            smear_px=result.smear_px.get(frame.name),
+            chosen=frame.name in best,
+            fate=fates.get(frame.name, "left out"),
+            reason=result.refused.get(frame.name, ""),
+        )
+        for frame in frames
+    ]

@@ -1,0 +1,62 @@
+"""The folder of a scene, and which steps of its making are done: a call that was ended goes on."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from blur2view import __version__
+from blur2view.errors import OutputError
+from blur2view.files import write_file
+
+STATE = "reconstruction.json"
+
+
+class Scene:
+    """A scene's folder. A step is done when its result is noted, after all of its files are whole.
+
+    ``call`` is the digest of the video and the options. OutputError if the folder holds something else, or a
+    scene of another call.
+    """
+
+    def __init__(self, folder: Path, call: str) -> None:
+        self.folder, self.steps = folder, dict[str, dict[str, Any]]()
+        self.call = call
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder}: is not a folder; name another with -o")
+        state = folder / STATE
+        if not state.is_file():
+            if folder.exists() and (other := min(os.listdir(folder), default="")):
+                raise OutputError(f"{folder}: holds {other}, and is not a scene; name a new folder with -o")
+            self._write()
+            return
+        try:
+            known = json.loads(state.read_bytes())
+            self.steps, same = dict(known["steps"]), known["call"] == call
+        except (OSError, ValueError, TypeError, LookupError):
+            raise OutputError(f"{state}: is damaged; remove the folder, or name a new one with -o") from None
+        if not same:
+            raise OutputError(
+                f"{folder}: is a scene of another video, or of other options; name a new folder with -o"
+            )
+
+    def step(self, name: str, files: Sequence[str], work: Callable[[], Any]) -> Any:
+        """Return the noted result of a step whose ``files`` are there, else that of ``work``.
+
+        What is done anew makes all steps after it begin anew.
+        """
+        if name in self.steps and all((self.folder / file).exists() for file in files):
+            return self.steps[name]["result"]
+        names = list(self.steps)
+        for later in names[names.index(name) :] if name in names else ():
+            del self.steps[later]
+        result = json.loads(json.dumps(work()))  # as it is when it is read again
+        self.steps[name] = {"result": result}
+        self._write()
+        return result
+
+    def _write(self) -> None:
+        """Note the steps that are done."""
+        content = {"generator": f"blur2view {__version__}", "call": self.call, "steps": self.steps}
+        write_file(self.folder / STATE, (json.dumps(content) + "\n").encode())

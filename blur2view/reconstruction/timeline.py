@@ -1,0 +1,209 @@
+"""The report of a scene: one HTML page with the video's blur over time, the camera's path, the frames.
+
+Marks differ in shape and fill, too, so that the page prints in grey. It loads nothing but the frames that its
+thumbnails link to, and runs nothing.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import quote
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.colmap.models import read_model
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.files import read_regular
+from blur2view.results.report import data_uri
+
+WIDTH, HEIGHT, MARGIN = 1100, 260, 44
+THUMBNAIL_PX, THUMBNAILS = 160, 120  # longer side; at most so many, evenly
+KIND_COLOURS = ("#2a6f97", "#c9563c", "#8a8f3c", "#7b5ea7", "#a08060", "#999999")
+FATES = {
+    "registered": "by COLMAP",
+    "recovered": "by its blur",
+    "refused": "has no pose",
+    "left out": "not used",
+}
+STYLE = """
+:root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; }
+body { max-width: 1140px; margin: auto; padding: 12px 20px; background: white; color: black; }
+svg { width: 100%; height: auto; display: block; margin: 8px 0; }
+text { font: 12px system-ui, sans-serif; }
+h2 { font-size: 18px; font-weight: normal; margin: 28px 0 4px; }
+td, th { padding: 1px 16px 1px 0; text-align: left; font-weight: normal; }
+.thumbs { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: 8px; }
+.thumbs a { font-size: 11px; color: inherit; text-decoration: none; overflow-wrap: anywhere; }
+.thumbs img { width: 100%; display: block; border: 2px solid #2a6f97; box-sizing: border-box; }
+.thumbs .recovered img { border: 4px double black; } .thumbs .refused img { border: 3px dotted #c9563c; }
+.views { display: grid; grid-template-columns: 1fr 1fr; gap: 16px; }
+@media print { .thumbs a { break-inside: avoid; } }
+"""
+
+
+class Seen(NamedTuple):
+    """A frame of the video, as the report shows it."""
+
+    name: str
+    number: int
+    kind: str  # of blur, empty if it was not read
+    smear_px: float | None
+    chosen: bool
+    fate: str  # one of FATES
+    reason: str  # why it is refused
+
+
+def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, version: str) -> bytes:
+    """Return the page, UTF-8; ``model`` is the folder of the one with views, ``images`` that of frames."""
+    fates = Counter(frame.fate for frame in frames)
+    rows = f"<tr><td>frames of the video</td><td>{len(frames)}</td></tr>"
+    rows += f"<tr><td>chosen, the sharpest</td><td>{sum(frame.chosen for frame in frames)}</td></tr>"
+    rows += "".join(f"<tr><td>{fate}, {FATES[fate]}</td><td>{fates[fate]}</td></tr>" for fate in FATES)
+    reasons = Counter(frame.reason for frame in frames if frame.reason)
+    rows += "".join(f"<tr><td>refused: {escape(why)}</td><td>{n}</td></tr>" for why, n in reasons.items())
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+    )
+    page = f"""<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="generator" content="blur2view {escape(version)}">
+<title>{escape(title)} - blur2view</title>
+<link rel="icon" href="data:,">
+<style>{STYLE}</style>
+<p><b>blur2view</b> scene of {escape(title)}</p>
+<table>{rows}</table>
+<h2>Blur over time</h2>
+{_smears(frames)}
+<h2>The camera's path</h2>
+{_paths(frames, model)}
+<h2>Frames</h2>
+<div class="thumbs">{"".join(_thumbnails(frames, images))}</div>
+</html>
+"""
+    return page.encode("utf-8", "backslashreplace")
+
+
+def _mark(x: float, y: float, fate: str, colour: str, title: str) -> str:
+    """Return a mark: a dot if registered, a ring if recovered, a cross if refused, smaller if left out."""
+    text = f"<title>{escape(title)}</title>"
+    if fate == "registered":
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}">{text}</circle>'
+    if fate == "recovered":
+        ring = f'r="4.5" fill="white" stroke="{colour}" stroke-width="2.5"'
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" {ring}>{text}</circle>'
+    size = 5 if fate == "refused" else 2
+    path = f"M{x - size:.1f} {y - size:.1f}l{2 * size} {2 * size}m0 {-2 * size}l{-2 * size} {2 * size}"
+    return f'<path d="{path}" stroke="{colour}" stroke-width="2" fill="none">{text}</path>'
+
+
+def _smears(frames: Sequence[Seen]) -> str:
+    """Return the picture of smears over the frames' numbers, coloured by the kind of blur."""
+    known = [frame for frame in frames if frame.smear_px is not None]
+    top = max([1.0, *(frame.smear_px or 0.0 for frame in known)])
+    first, last = frames[0].number, max(frames[-1].number, frames[0].number + 1)
+    kinds = list(dict.fromkeys(frame.kind for frame in known))
+    colours = dict(zip(kinds, KIND_COLOURS * (1 + len(kinds) // len(KIND_COLOURS)), strict=False))
+    bottom, parts = HEIGHT - MARGIN, list[str]()
+    for share in (0.0, 0.5, 1.0):
+        y = bottom - share * (bottom - MARGIN)
+        parts.append(f'<path d="M{MARGIN} {y:.1f}H{WIDTH - 10}" stroke="#ccc"/>')
+        parts.append(f'<text x="{MARGIN - 6}" y="{y + 4:.1f}" text-anchor="end">{share * top:.0f} px</text>')
+    for frame in frames:
+        x = MARGIN + 10 + (WIDTH - MARGIN - 30) * (frame.number - first) / (last - first)
+        y = bottom - (frame.smear_px or 0.0) / top * (bottom - MARGIN)
+        if frame.chosen:
+            parts.append(f'<path d="M{x:.1f} {bottom + 3}v7" stroke="black" stroke-width="1.5"/>')
+        title = f"{frame.name}: {frame.kind} {frame.smear_px or 0:.1f} px, {frame.fate} {frame.reason}"
+        if frame.smear_px is not None:
+            parts.append(f'<path d="M{x:.1f} {bottom}V{y:.1f}" stroke="#ddd"/>')
+            parts.append(_mark(x, y, frame.fate, colours[frame.kind], title))
+        elif frame.fate == "left out":
+            parts.append(_mark(x, bottom, frame.fate, "#999", title))
+    parts.append(f'<text x="{MARGIN + 10}" y="{HEIGHT - 12}">frame {first}</text>')
+    parts.append(f'<text x="{WIDTH - 12}" y="{HEIGHT - 12}" text-anchor="end">frame {last}</text>')
+    parts.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">ticks: chosen</text>')
+    legend = ""
+    for place, fate in enumerate(FATES):
+        x = MARGIN + 16 + 120 * place
+        legend += _mark(x, 16, fate, "black", fate) + f'<text x="{x + 10}" y="20">{fate}</text>'
+    for place, kind in enumerate(kinds):
+        x = MARGIN + 16 + 120 * (len(FATES) + place)
+        legend += f'<rect x="{x - 5}" y="10" width="11" height="11" fill="{colours[kind]}"/>'
+        legend += f'<text x="{x + 10}" y="20">{escape(kind)}</text>'
+    label = "Length of smears over frames"
+    return (
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{label}">{legend}{"".join(parts)}</svg>'
+    )
+
+
+def _paths(frames: Sequence[Seen], folder: Path) -> str:
+    """Return the camera's path from above and from the side, with both ends of exposures as lines."""
+    model = read_model(folder)
+    centres = {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+    posed = [frame for frame in frames if frame.name in centres]
+    cameras = [model.find_image_with_name(frame.name).cam_from_world().rotation.matrix() for frame in posed]
+    places = np.array([centres[frame.name] for frame in posed])
+    down = np.mean([R[1] for R in cameras], axis=0)
+    down /= np.linalg.norm(down)
+    level = places - places.mean(axis=0)
+    level -= np.outer(level @ down, down)
+    across = np.linalg.svd(level, full_matrices=False)[2][0]
+    axes = np.stack([across, np.cross(down, across), down])
+    pictures = [
+        _path(posed, centres, axes[[0, 1]], "from above"),
+        _path(posed, centres, axes[[0, 2]], "from the side"),
+    ]
+    return f'<div class="views">{"".join(pictures)}</div>'
+
+
+def _path(frames: Sequence[Seen], centres: dict[str, Array], axes: Array, label: str) -> str:
+    """Return one picture of the path, by the axes (2, 3) to the right and downwards."""
+    points = np.array([axes @ centre for centre in centres.values()])
+    low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
+    side, edge = 520, 24
+
+    def place(name: str) -> Array:
+        return np.asarray(edge + (side - 2 * edge) * (axes @ centres[name] - low) / extent)
+
+    height = 2 * edge + (side - 2 * edge) * float(np.ptp(points[:, 1])) / extent + 20
+    line = "L".join("{:.1f} {:.1f}".format(*place(frame.name)) for frame in frames)
+    parts = [f'<path d="M{line}" fill="none" stroke="#bbb" stroke-width="1.5"/>']
+    for frame in frames:
+        ends = [frame.name + OPEN, frame.name + CLOSE]
+        if all(end in centres for end in ends):
+            both = "L".join("{:.1f} {:.1f}".format(*place(end)) for end in ends)
+            parts.append(f'<path d="M{both}" stroke="black" stroke-width="2.5"/>')
+        x, y = place(frame.name).tolist()
+        parts.append(_mark(x, y, frame.fate, "#2a6f97", f"{frame.name}, {frame.fate}"))
+    text = f'<text x="{edge}" y="{height - 6:.0f}">{label}; lines: both ends of an exposure</text>'
+    view = f'viewBox="0 0 {side} {height:.0f}" role="img" aria-label="path {label}"'
+    return f"<svg {view}>{''.join(parts)}{text}</svg>"
+
+
+def _thumbnails(frames: Sequence[Seen], images: Path) -> list[str]:
+    """Return small pictures that link to the frames."""
+    there = [frame for frame in frames if frame.fate != "left out"]
+    some = there[:: max(1, -(-len(there) // THUMBNAILS))]
+    found = []
+    for frame in some:
+        encoded = np.frombuffer(read_regular(images / frame.name), np.uint8)
+        picture = cv2.imdecode(encoded, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if picture is None:
+            continue
+        scale = THUMBNAIL_PX / max(picture.shape)
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        source = data_uri(
+            "image/jpeg", cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, 80))[1].tobytes()
+        )
+        link, name = quote(f"{images.name}/{frame.name}"), escape(frame.name)
+        found.append(
+            f'<a class="{frame.fate}" href="{link}"><img src="{source}" alt="{name}">{name}, {frame.fate}</a>'
+        )
+    return found

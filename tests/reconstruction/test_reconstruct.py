@@ -1,0 +1,195 @@
+"""A scene of a video: its files, which steps are done again, what is refused, and the report's page."""
+
+import json
+import re
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.errors import ImageError, OutputError
+from blur2view.reconstruction import mapping
+from blur2view.reconstruction.frames import Frame, chosen
+from blur2view.reconstruction.reconstruct import Reconstruction, ReconstructionOptions, reconstruct
+from blur2view.reconstruction.scene import STATE, Scene
+from tests.support.blurred_plane import BlurredPlane
+from tests.support.calls import call_program
+
+PLANE = BlurredPlane(frames=7)
+REGISTERED = (0, 1, 2, 4, 5, 6)
+OPTIONS = ReconstructionOptions(all_frames=True)
+
+
+def frames_of(energies: list[float], moved: float) -> list[Frame]:
+    """Return frames of these sharpnesses, each as far from the one before."""
+    return [Frame(f"f_{k}.png", k, energy, moved) for k, energy in enumerate(energies)]
+
+
+def test_the_sharpest_of_each_stretch_is_chosen() -> None:
+    best = chosen(frames_of([1, 3, 1, 2] * 25, moved=0.02), 25)
+    assert len(best) == 25 and {frame.number % 4 for frame in best} == {1}
+
+
+def test_more_is_chosen_where_the_picture_moves_farther() -> None:
+    fast = [Frame(f"f_{k}.png", k, 1.0, 0.1 if k >= 50 else 0.01) for k in range(100)]
+    half = sum(frame.number >= 50 for frame in chosen(fast, 40))
+    assert half > 25
+
+
+def test_of_a_camera_that_stands_still_a_few_are_chosen() -> None:
+    assert len(chosen(frames_of([1.0] * 100, moved=0.0), 300)) == 12
+
+
+def test_a_step_is_done_again_with_all_after_it_if_its_files_are_gone(tmp_path: Path) -> None:
+    done = Counter[str]()
+
+    def make(name: str) -> str:
+        done[name] += 1
+        (tmp_path / "scene" / name).write_text(name)
+        return name
+
+    for _ in range(2):
+        scene = Scene(tmp_path / "scene", "call")
+        for name in "abc":
+            assert scene.step(name, [name], partial(make, name)) == name
+    assert done == Counter("abc")
+    (tmp_path / "scene" / "b").unlink()
+    scene = Scene(tmp_path / "scene", "call")
+    for name in "abc":
+        scene.step(name, [name], partial(make, name))
+    assert done == Counter("abcbc")
+
+
+def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds mine.txt"):
+        Scene(tmp_path, "call")
+    Scene(tmp_path / "scene", "call")
+    with pytest.raises(OutputError, match="of another video, or of other options"):
+        Scene(tmp_path / "scene", "another")
+
+
+def test_options_that_smears_do_not_support_are_refused() -> None:
+    with pytest.raises(ValueError, match="camera model"):
+        ReconstructionOptions(camera_model="OPENCV_FISHEYE")
+
+
+def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(ImageError, match="neither a video nor a folder"):
+        reconstruct(tmp_path / "a.png", tmp_path / "scene")
+
+
+def test_a_camera_that_stands_still_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = PLANE.render(0)
+    (tmp_path / "frames").mkdir()
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / "frames" / f"f_{k}.png"), picture)
+    mapped = call_program(capsys, "reconstruct", tmp_path / "frames", "-o", tmp_path / "scene")
+    assert mapped == 1 and "COLMAP makes no model of 3 frames: " in mapped.err
+    assert not (tmp_path / "scene" / "transforms.json").exists()
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with frames of a plane, and the model of all but one."""
+    folder = tmp_path_factory.mktemp("video") / "plane"
+    PLANE.write(folder, REGISTERED)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def colmap(video: Path) -> Iterator[list[str]]:
+    """Let COLMAP make the model that is there; return the names of its calls."""
+    calls = list[str]()
+
+    def match(database: Path, images: Path, names: list[str], **options: Any) -> None:
+        calls.append("match")
+        database.unlink(missing_ok=True)
+        pycolmap.Database.open(database).close()
+        pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, names)
+
+    def mapped(*given: Any, **options: Any) -> list[Any]:
+        calls.append("map")
+        return [pycolmap.Reconstruction(video / "model")]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mapping, "match", match)
+        patch.setattr(mapping, "mapped", mapped)
+        yield calls
+
+
+@pytest.fixture(scope="module")
+def whole(video: Path, colmap: list[str]) -> Reconstruction:
+    """Return a scene that was made in one call."""
+    return reconstruct(video / "frames", video.parent / "whole", OPTIONS, jobs=1)
+
+
+def contents(scene: Path) -> dict[str, bytes]:
+    """Return what a scene holds, by paths; COLMAP's database has times in it."""
+    files = [path for path in scene.rglob("*") if path.is_file() and "work" not in path.parts]
+    kept = [path for path in files if path.suffix not in (".db", ".ini") and ".sha256" not in path.name]
+    return {path.relative_to(scene).as_posix(): path.read_bytes() for path in kept}
+
+
+def test_every_frame_of_a_scene_has_a_pose_and_a_file(whole: Reconstruction) -> None:
+    assert len(whole.registered) == 6 and whole.recovered == (PLANE.names[3],) and not whole.refused
+    scene = whole.folder
+    model = pycolmap.Reconstruction(scene / "sparse" / "0")
+    assert {image.name for image in model.images.values()} == {*PLANE.names}
+    assert all((scene / "images" / name).is_file() for name in PLANE.names)
+    views = {image.name for image in pycolmap.Reconstruction(scene / "exposures").images.values()}
+    assert {f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"} <= views
+    written = json.loads((scene / "transforms.json").read_text())
+    assert len(written["frames"]) == 7 and (scene / written["ply_file_path"]).is_file()
+    assert all((scene / frame["file_path"]).is_file() for frame in written["frames"])
+
+
+def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
+    whole: Reconstruction, video: Path, tmp_path: Path, colmap: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, noted, before = (
+        ["choose", "images", "look", "map", "recover", "transforms"],
+        Scene.step,
+        len(colmap),
+    )
+
+    def ended(scene: Scene, name: str, files: list[str], work: Any) -> Any:
+        new = name not in scene.steps
+        result = noted(scene, name, files, work)
+        if new:
+            raise KeyboardInterrupt
+        return result
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Scene, "step", ended)
+        for _ in steps:
+            with pytest.raises(KeyboardInterrupt):
+                reconstruct(video / "frames", tmp_path / "scene", OPTIONS, jobs=1)
+    made = reconstruct(video / "frames", tmp_path / "scene", OPTIONS, jobs=1)
+    assert made.recovered == whole.recovered and colmap[before:] == ["match", "map"]
+    assert contents(tmp_path / "scene") == contents(whole.folder)
+
+
+def test_the_report_shows_frames_and_path_runs_nothing_and_opens_in_a_browser(whole: Reconstruction) -> None:
+    page = (whole.folder / "report.html").read_text()
+    assert "<script" not in page and page.count("<svg") == 3
+    links = re.findall(r'href="(images/[^"]+)"', page)
+    assert len(links) == 7 and all((whole.folder / link).is_file() for link in links)
+    assert f"{PLANE.names[3]}, recovered" in page
+    browser = shutil.which("chromium")
+    if browser is None:
+        pytest.skip("Chromium is not installed")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    shown = subprocess.run(
+        [*command, str(whole.folder / "report.html")], capture_output=True, text=True, timeout=60
+    )
+    assert shown.returncode == 0 and shown.stdout.count("<svg") == 3 and STATE not in shown.stdout
