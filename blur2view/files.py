@@ -160,10 +160,10 @@ def note(digests: Mapping[Path, str]) -> None:
 
 
 def is_noted(path: Path) -> bool | None:
-    """Return whether a file is as blur2view noted it; None if nothing was noted of it."""
+    """Return whether a file is as blur2view noted it; None if nothing was noted of it, or it is gone."""
     real = Path(os.path.realpath(path))
     noted = _notes(real.parent).get(real.name)
-    return None if noted is None else file_digest(real) in noted
+    return None if noted is None or not real.exists() else file_digest(real) in noted
 
 
 def _notes(folder: Path) -> dict[str, set[str]]:

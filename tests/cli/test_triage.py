@@ -160,3 +160,10 @@ def test_black_and_white_photographs_are_counted_as_such_and_are_the_last_to_kee
     assert [rows[name]["nothing_seen"] for name in ("cap.png", "white.png")] == ["too dark", "overexposed"]
     assert rows["cap.png"]["use"] == "unclear" and "2 unclear (1 too dark, 1 overexposed)" in done.out
     assert keep.read_text().splitlines() == ["chaos.png", "still.png"]
+
+
+def test_a_list_that_the_user_removed_is_written_anew(call: Call, still: Path, tmp_path: Path) -> None:
+    keep = tmp_path / "keep.txt"
+    assert call("triage", still, "--keep", keep) == 0
+    keep.unlink()
+    assert call("triage", still, "--keep", keep) == 0 and keep.read_text() == "still.png\n"
