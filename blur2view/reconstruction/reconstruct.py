@@ -203,6 +203,8 @@ def reconstruct(
 
     scene.step("report", [REPORT], write_report)
     shutil.rmtree(work / "models", ignore_errors=True)
+    for database in work.glob("matches_*.db"):
+        database.unlink()
     return result
 
 
