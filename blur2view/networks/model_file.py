@@ -11,7 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
@@ -90,7 +90,10 @@ class OneThread(ContextDecorator):
             if not self._inside:
                 self._of_opencv = cv2.getNumThreads()
                 cv2.setNumThreads(1)
-                self._of_blas = threadpool_limits(limits=1, user_api="blas")
+                libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+                self._of_blas = [(library, library.num_threads) for library in libraries]
+                for library, _ in self._of_blas:
+                    _set_threads(library, 1)
             self._inside += 1
 
     def __exit__(self, *error: object) -> None:
@@ -98,8 +101,22 @@ class OneThread(ContextDecorator):
         with self._lock:
             self._inside -= 1
             if not self._inside:
-                self._of_blas.restore_original_limits()
+                for library, count in self._of_blas:
+                    _set_threads(library, count)
                 cv2.setNumThreads(self._of_opencv)
+
+
+def _set_threads(library: Any, count: int) -> None:
+    """Set the threads of a library of threadpoolctl, whichever thread asks.
+
+    Version 3.8 obeys only the thread that set a limit first, for as long as it lives: then a pool's worker,
+    after an estimate in the main thread, would compute with all cores, and sums have other bytes.
+    """
+    if hasattr(library, "clear_controlling_thread"):
+        library.clear_controlling_thread(force=True)
+    library.set_num_threads(count)
+    if hasattr(library, "clear_controlling_thread"):
+        library.clear_controlling_thread(force=True)
 
 
 one_thread = OneThread()
