@@ -38,7 +38,7 @@ class Printing:
     """Printing."""
 
     either = ("verbose", "quiet")
-    verbose: bool = flag("-v, --verbose: print the reason of each result, too")
+    verbose: bool = flag("-v, --verbose: also print the reason of each result")
     quiet: bool = flag("-q, --quiet: print failures only")
 
 
@@ -53,7 +53,7 @@ class Reading:
         by their number. A list names one of these on each line, as seen from here or else from the list's
         folder (blank lines are passed over, and those that begin with # and name no file). What is named
         twice is done once""")
-    recursive: bool = flag("--recursive: folders stand for their subfolders, too")
+    recursive: bool = flag("--recursive: folders stand for their subfolders as well")
     every: int = option("--every N: of a video take one frame in N (default: all)", 1)
     first: Annotated[float, frame_or_seconds] = rare_option(
         "--from FRAME: the first frame of a video: a number from 0, or a time as 12.5s", 0

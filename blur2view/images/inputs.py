@@ -256,7 +256,7 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
     try:
         content = read_stream(stdin or BytesIO()) if path is None else read_regular(path)
         if b"\0" in content:
-            raise ValueError("it is no text; a photograph itself is named by its file")
+            raise ValueError("it is not text; name a photograph by its file")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         remedy = "name a file that holds one name on each line, or pipe them to -"
@@ -280,11 +280,11 @@ def _found(name: str, path: Path | None) -> str | None:
 
 
 def timestamp_of(name: str | os.PathLike[str]) -> float | None:
-    """Return the time in seconds that a file's name states, None if it is no time.
+    """Return the time in seconds that a file's name states, None if it is not a time.
 
     A decimal fraction is seconds, as in TUM's recordings (``1305031102.175304.png``), a whole number of 10,
     13, 16 or 19 digits seconds, milli-, micro- or nanoseconds since 1970, as in EuRoC's and of ROS
-    (``1403636579763555584.png``); any other name, such as the number of a frame, is no time.
+    (``1403636579763555584.png``); any other name, such as the number of a frame, is not a time.
     """
     text = Path(name).stem
     if re.fullmatch(r"\d{1,19}\.\d+", text):  # more digits would be no time, or infinite
@@ -320,6 +320,6 @@ def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
     found = []
     for path in paths:
         if (time := timestamp_of(path)) is None:
-            raise ImageError(f"{path}: its name is no time; name it by one, as 1403636579.763.png")
+            raise ImageError(f"{path}: its name is not a time; name it like 1403636579.763.png")
         found.append(time)
     return found

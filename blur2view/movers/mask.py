@@ -162,7 +162,7 @@ def stored_labels(path: Path) -> Grey:
     except DAMAGED:
         grey = np.zeros(0, np.uint8)
     if grey.ndim != 2 or not np.isin(grey, GREY).all():
-        raise OutputError(f"{path}: is no mask of blur2view segment; segment the photograph again")
+        raise OutputError(f"{path}: is not a mask of blur2view segment; segment the photograph again")
     label_of = np.zeros(256, np.uint8)
     label_of[GREY] = np.arange(len(GREY))
     return np.asarray(label_of[grey])

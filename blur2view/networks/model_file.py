@@ -203,7 +203,7 @@ def _provider_names(providers: Sequence[str]) -> list[str]:
     there = {_short(name): name for name in _onnxruntime().get_available_providers()}
     if missing := [name for name in providers if _short(name) not in there]:
         raise ModelError(
-            f"{missing[0]}: is no execution provider of this ONNX Runtime, which has {', '.join(there)}"
+            f"{missing[0]}: is not an execution provider of this ONNX Runtime, which has {', '.join(there)}"
             "; cuda comes with onnxruntime-gpu in its place"
         )
     return [there[_short(name)] for name in providers if _short(name) != "cpu"]

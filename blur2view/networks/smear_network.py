@@ -133,8 +133,8 @@ class SmearNetwork:
 
         Of a large photograph it reads some windows, spread over it, as many as ``detail`` needs. Without any
         texture the smear is zero, the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind
-        of blur is unknown. ValueError if it is no photograph as `photograph_of` takes it; ModelError if the
-        network breaks its format's promise.
+        of blur is unknown. ValueError if it is not a photograph as `photograph_of` takes it; ModelError if
+        the network breaks its format's promise.
         """
         image = photograph_of(image)
         apart = STEP << _spread(image.shape, Detail(detail))  # also of a string

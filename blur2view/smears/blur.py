@@ -21,7 +21,7 @@ DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is o
 # brighter, or darker, and that where the cells know no kind of blur.
 DARK, BRIGHT, OTHER, OTHER_UNKNOWN = 0.04, 0.98, 0.001, 0.02
 TOO_DARK, OVEREXPOSED = "too dark", "overexposed"
-LEVELS = 16  # different values of what is dark, from which on it is no photograph of 8 bits, and may be read
+LEVELS = 16  # different values of what is dark, from which on it has more than 8 bits, and may be read
 SAMPLED = 2**16  # pixels whose values are looked at: bound
 UNSEEN_PX = 500.0  # standard deviation above which a cell shows no texture: a network gives such cells 1000
 KNOWN_BEST = 0.2  # relative deviation of a length below which the cell has hardly more weight: bound

@@ -212,4 +212,4 @@ def load_smears(path: str | Path) -> SmearGrid:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
     except DAMAGE:
         remedy = "write it again with blur2view estimate -o"
-        raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
+        raise OutputError(f"{path}: is not a whole .smear.npz file of blur2view; {remedy}") from None

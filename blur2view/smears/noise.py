@@ -25,7 +25,7 @@ from blur2view.arrays import Array
 
 MIN_PX = 0.1  # standard deviation of a smear, at least
 ADDED_SHARE = 0.01  # error across, as a share of the length, that is added in quadrature; along twice as much
-CLAIMED = 0.65  # 68 % point of errors that are no outliers, over stated standard deviations: for covariances
+CLAIMED = 0.65  # 68 % point of errors that are not outliers, over stated standard deviations: for covariances
 WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
@@ -46,8 +46,8 @@ class NoiseModel:
     direction_rad: float = 0.0
     # Error of the Sampson distance, as a share of the length, added in quadrature to the stated one.
     added_sampson: float = 0.01
-    # Scale of Student's distribution of errors that are no outliers, over stated standard deviations; at four
-    # degrees of freedom 0.85 is nearest to a normal distribution.
+    # Scale of Student's distribution of errors that are not outliers, over stated standard deviations; at
+    # four degrees of freedom 0.85 is nearest to a normal distribution.
     inlier: float = 0.85
     # Error across, as a share of the length, added in quadrature to the stated one (twice it along): paths
     # are bent and cells cover more than a point.

@@ -35,7 +35,7 @@ def test_network_tells_what_it_is_and_the_shipped_one_is_found_in_the_source_tre
 
 
 def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path) -> None:
-    with pytest.raises(ModelError, match="rocket: is no execution provider of this ONNX Runtime, .*cpu"):
+    with pytest.raises(ModelError, match="rocket: is not an execution provider of this ONNX Runtime, .*cpu"):
         SmearNetwork(tiny_model, providers=["rocket"])
     found = SmearNetwork(tiny_model, providers=["cpu"]).predict(noise())
     np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(noise()).cells)

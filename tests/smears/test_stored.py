@@ -67,7 +67,7 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
             "stride": {"stride": np.array(np.inf)},
         }[damage]
         np.savez(path, **arrays)
-    remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
+    remedy = "no such file" if damage == "absent" else "is not a whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
 
