@@ -91,7 +91,7 @@ def test_a_list_names_a_word_on_each_line_but_blank_ones_and_comments(folder: Pa
     expected[2] = Path("lists/beside.jpg")
     assert paths("@lists/list") == expected
     Path("list").write_bytes(b"\x89PNG\0")
-    with pytest.raises(ImageError, match="a photograph itself is named by its file"):
+    with pytest.raises(ImageError, match="name a photograph by its file"):
         listed("@list")
 
 
