@@ -21,7 +21,7 @@ from blur2view.smears.blur import Blur, nothing_seen
 from blur2view.smears.camera_motion import Evidence, Needed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, without_motion
+from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, without_fit, without_motion
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -74,6 +74,7 @@ def estimate(
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
     detail: Detail = Detail.GEOMETRY,
+    geometry: bool = True,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -93,6 +94,8 @@ def estimate(
         an exposure of all rows at once, another one for each order in time (``geometry.reversed()``).
     detail : Detail
         ``Detail.RANKING`` reads fewer windows.
+    geometry : bool
+        False asks for the blur alone, which is the same, and saves the fit of a geometry: neither F nor H.
 
     Returns
     -------
@@ -116,15 +119,19 @@ def estimate(
     matches, blur = select_matches(evidence.grid, select), evidence.blur
     if blur.kind.of_camera:
         rng, moved = np.random.default_rng(rng or 0), evidence.grid.kinds is not None
-        geometry = estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
-        blur = replace(evidence, stood_still=geometry.stood_still).blur
+        found = (
+            estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
+            if geometry or not moved  # without kinds of blur the fit alone tells whether the camera moved
+            else without_fit(matches)
+        )
+        blur = replace(evidence, stood_still=found.stood_still).blur
     else:
-        geometry = without_motion(matches, blur)
+        found = without_motion(matches, blur)
     return Estimate(
         grid=evidence.grid,
         blur=blur,
         matches=matches,
-        geometry=geometry,
+        geometry=found,
         model_id=network.model_id,
         camera=camera,
         shutter=shutter if shutter is not None and shutter.readout_s else None,

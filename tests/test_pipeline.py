@@ -184,6 +184,17 @@ def test_a_cheap_look_that_leaves_the_blur_open_reads_all_windows_and_others_do_
     assert seen.blur.kind == "sharp"
 
 
+def test_the_blur_alone_is_that_of_the_whole_estimate(network: SmearNetwork) -> None:
+    kinds = []
+    for scale in (0.05, 0.1, 0.2, 1.0):  # of the shorter ones a fit may say that the camera stood still
+        picture = colour_code(scale * forward_motion(), 1.0)
+        whole = estimate(picture, network=network, detail=Detail.RANKING)
+        alone = estimate(picture, network=network, detail=Detail.RANKING, geometry=False)
+        assert alone.blur == whole.blur and alone.geometry.F is None and alone.geometry.H is None
+        kinds.append(alone.blur.kind)
+    assert "camera moved" in kinds and "sharp" in kinds
+
+
 def test_a_photograph_that_is_too_dark_is_read_once_and_has_no_figures() -> None:
     reader = Reader(SMEARED, differs=True)
     seen = estimate(np.full((240, 320, 3), 3, np.uint8), network=reader, detail=Detail.RANKING)

@@ -27,7 +27,7 @@ COMMANDS = {
     "photographs",
     "reconstruct": "make a scene of a blurred video: its frames with a pose each, ready to train",
     "report": "write one HTML page that shows the result of each photograph",
-    "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
+    "triage": "sort photographs by their blur: sharp, blurred by motion, out of focus, unclear",
 }
 DESCRIPTION = (
     "Use what motion blur tells: choose the sharpest frames of a video, put frames that COLMAP refused back "

@@ -308,13 +308,18 @@ class EstimatedFile:
 
 
 def estimate_file(
-    options: Command, job: Job, *, camera_of: CameraOf | None = None, detail: Detail = Detail.GEOMETRY
+    options: Command,
+    job: Job,
+    *,
+    camera_of: CameraOf | None = None,
+    detail: Detail = Detail.GEOMETRY,
+    geometry: bool = True,
 ) -> EstimatedFile:
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
-    ``detail`` is that of `estimate`; ``camera_of`` gives intrinsics, by
-    default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
+    ``detail`` and ``geometry`` are those of `estimate`; ``camera_of`` gives intrinsics, by default those of
+    options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
     picture = read_picture(path, as_stored=options.as_stored, content=job.content)
@@ -329,6 +334,7 @@ def estimate_file(
         camera=(camera_of or options.stated_camera.camera_of)(path, picture.size, exif),
         shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
         detail=detail,
+        geometry=geometry,
     )
     stated = {
         "name": job.name,

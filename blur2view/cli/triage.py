@@ -26,13 +26,12 @@ from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
-COUNTED = {Use.BLURRED: "blurred but of use", "": "failed"}  # other uses are called by their names
 USES = """
 sharp: the smear is at most --max-smear, the radius out of focus of what is in focus, if anything is, at most
     --max-defocus; kept
-blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
-    to-colmap); kept with --blurred only
-unusable: it is longer, and no geometry explains it; kept by --best and --every-best only, as the following
+blurred: it is longer; with --blurred, which keeps it, F or H explains the smears, so that the views of the
+    exposure are of use (blur2view to-colmap). --best and --every-best, too, keep it and the following
+unusable: it is longer, and no geometry explains it; only --blurred looks for one, and does not keep it
 out of focus: the lens, not a motion, blurs all of it
 unclear: it is too dark or overexposed, nothing shows texture, or its smears are no longer than their errors;
     perhaps sharp; nothing_seen of --csv says why
@@ -57,16 +56,18 @@ class TriageOptions(Command):
     """The options of ``blur2view triage``.
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
-    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
-    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
-    dark to show blur, which the variance of the Laplacian would confuse.
+    of all, and a list, or a folder, of those to use. Each is sharp; blurred; out of focus; or unclear, where
+    it is too smooth or too dark to show blur, which the variance of the Laplacian would confuse. With
+    --blurred those blurred are divided into those of use, whose smears a geometry explains, and unusable
+    ones.
     """
 
     either = ("blurred", "best", "every_best")
     keep: Path | None = option("--keep LIST: write the list of photographs to keep, see below")
     extract: Path | None = option("""--extract DIR: write the photographs to keep into a folder, frames of
         videos as PNG, see below""")
-    blurred: bool = flag("--blurred: keep the blurred ones, too, that geometry can use")
+    blurred: bool = flag("""--blurred: look for the geometry, which takes longer, and keep the
+        blurred ones, too, that it explains""")
     best: int | None = option("""--best N: keep the N sharpest: those called sharp before others, then by the
         width of all of the blur; of frames of videos the sharpest of each of N equal parts""")
     every_best: Annotated[float | None, neighbours] = option("""--every-best N: keep the sharpest of every N
@@ -138,7 +139,11 @@ class TriageOptions(Command):
             said = f"none is kept: {remedy}"
         reasons = Counter(outcome.record.nothing_seen for _, outcome in run.outcomes)
         exposed = ", ".join(f"{reasons[one]} {one}" for one in (TOO_DARK, OVEREXPOSED) if reasons[one])
-        counted = COUNTED | ({Use.UNCLEAR: f"{Use.UNCLEAR} ({exposed})"} if exposed else {})
+        counted = {"": "failed"}  # other uses are called by their names
+        if self.blurred:
+            counted[Use.BLURRED] = "blurred but of use"
+        if exposed:
+            counted[Use.UNCLEAR] = f"{Use.UNCLEAR} ({exposed})"
         counts = {counted.get(use, use): uses[use] for use in (*Use, "")}
         run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
@@ -193,9 +198,13 @@ class TriageOptions(Command):
 
 
 def look_at(options: TriageOptions, job: Job) -> Outcome:
-    """Return the record of one photograph, which is looked at less closely: of its blur alone."""
-    file = estimate_file(options, job, detail=Detail.RANKING)
-    record = file.record().with_use(options.max_smear, options.max_defocus).without_geometry()
+    """Return the record of one photograph, which is looked at less closely: of its blur alone.
+
+    Geometry, which is looked for with ``--blurred``, decides on its use, and is not written.
+    """
+    file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred)
+    record = file.record() if options.blurred else file.record().without_geometry()
+    record = record.with_use(options.max_smear, options.max_defocus).without_geometry()
     return Outcome(record=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 

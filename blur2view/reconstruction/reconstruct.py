@@ -232,7 +232,8 @@ def _look(
             if name in found:
                 continue
             picture = read_picture(images / name, as_stored=True)
-            blur = estimate(picture.pixels, network=network, detail=Detail.RANKING).blur
+            seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
+            blur = seen.blur
             smear_px = blur.smear_px if blur.kind.of_camera else 0.0
             found[name] = str(blur.kind), None if smear_px is None else float(smear_px)
             file.write(json.dumps([name, *found[name]]) + "\n")

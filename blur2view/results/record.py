@@ -96,7 +96,9 @@ class Record:
     defocus_px: float | None = explained("Radius out of focus where it is least, pixels; 1 if sharp.")
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
     moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
-    use: str = explained("sharp, blurred (geometry can use it), out of focus, unclear or unusable.", "")
+    use: str = explained(
+        "sharp, blurred (geometry, if asked, explains it), out of focus, unclear, unusable.", ""
+    )
 
     K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
     camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")

@@ -30,7 +30,7 @@ class Use(StrEnum):
     """The use of a photograph."""
 
     SHARP = "sharp"
-    BLURRED = "blurred"  # and geometry explains it, so that the views of its exposure are of use
+    BLURRED = "blurred"  # and geometry, if asked, explains it, so that the views of its exposure are of use
     UNUSABLE = "unusable"  # blurred, and nothing explains it
     OUT_OF_FOCUS = "out of focus"
     UNCLEAR = "unclear"  # too smooth or too dark to show blur
@@ -46,7 +46,7 @@ def use_of(record: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: f
     if record.blur == BlurKind.CANNOT_TELL or record.smear_px is None:
         return Use.UNCLEAR
     if record.blur not in STILL and record.smear_px > max_smear_px:
-        return Use.BLURRED if record.has_geometry() else Use.UNUSABLE
+        return Use.BLURRED if record.has_geometry() or not record.config else Use.UNUSABLE
     soft = record.blur == BlurKind.OUT_OF_FOCUS or (record.defocus_px or 0.0) > max_defocus_px
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 

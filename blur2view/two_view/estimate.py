@@ -143,6 +143,14 @@ def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
     return no_geometry(matches, reason, stood_still=not unclear, insufficient_data=unclear)
 
 
+def without_fit(matches: SmearMatches) -> TwoViewGeometry:
+    """Return the degenerate geometry of a camera that moved but whose motion is not asked for.
+
+    It says whether the camera stood still, as `estimate_two_view` does where the camera is known to move.
+    """
+    return refused(matches) or no_geometry(matches, "the geometry was not asked for")
+
+
 def as_recorded(
     matches: SmearMatches,
     options: EstimatorOptions,

@@ -20,7 +20,7 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     done = call("triage", *words, "--keep", keep)
     rows = {one["name"]: one for one in table(sheet)}
     assert list(rows) == ["chaos.png", "left/moving.png", "still.png"]  # as COLMAP names them below frames
-    assert [one["use"] for one in rows.values()] == ["unusable", "blurred", "sharp"]
+    assert [one["use"] for one in rows.values()] == ["blurred", "blurred", "sharp"]
     assert keep.read_text() == "still.png\n"
     assert rows["still.png"]["config"] == ""
     assert rows["still.png"]["blur"] == "sharp" and rows["still.png"]["verdict"].startswith("Sharp")
@@ -28,15 +28,19 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     length = np.median(np.linalg.norm(forward_motion(), axis=-1))
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.15)
     assert moving["config"] == moving["parallax"] == moving["wx"] == ""  # it was looked at less closely
-    assert done == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in done.out
+    assert done == 0 and ": 1 sharp, 2 blurred (" in done.out
     assert f"left/moving.png: {moving['verdict']} [blurred]" in done.out
     last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
     assert "none is kept: --max-smear is 3, --max-defocus 2; --blurred " in last
-    for more, names in (
-        (["--blurred"], "left/moving.png\nstill.png\n"),
-        (["--max-smear", 100], "chaos.png\nleft/moving.png\nstill.png\n"),
-    ):
-        assert call("triage", *words, "--keep", keep, *more) == 0 and keep.read_text() == names
+    assert call("triage", *words, "--keep", keep, "--max-smear", 100) == 0
+    assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
+    geometric = call("triage", *words, "--keep", keep, "--blurred")
+    assert geometric == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in geometric.out
+    assert keep.read_text() == "left/moving.png\nstill.png\n"
+    judged = {one["name"]: one for one in table(sheet)}
+    assert judged["chaos.png"]["use"] == "unusable"
+    place = dict.fromkeys(("use", "options_sha256"), "")
+    assert [one | place for one in judged.values()] == [one | place for one in rows.values()]
 
 
 def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
@@ -61,7 +65,7 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     assert "broken.png" not in keep.read_text()
     assert done == 1 and "broken.png" in done.line
     last = done.out.splitlines()[-1]
-    assert last.startswith("3 photographs: 1 sharp, 1 unusable, 1 failed (")
+    assert last.startswith("3 photographs: 1 sharp, 1 blurred, 1 failed (")
 
 
 def test_no_name_in_a_table_is_a_formula(frames: Path, call: Call, here: Path) -> None:

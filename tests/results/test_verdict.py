@@ -59,7 +59,7 @@ USES = {
         replace(MOVED, blur="camera at rest", moving_share=0.1),
         moved("UNDEFINED", smear_px=2.9),
     ],
-    "blurred": [moved("UNCALIBRATED", F=F), moved("PANORAMIC", H=H)],
+    "blurred": [moved("UNCALIBRATED", F=F), moved("PANORAMIC", H=H), moved("")],  # "": was not asked for
     "unusable": [moved("DEGENERATE"), moved("UNDEFINED")],
     "out of focus": [
         replace(MOVED, blur="out of focus", defocus_px=1.5),
