@@ -1,10 +1,13 @@
-"""What ``blur2view reconstruct`` makes of a video whose true poses are known, beside COLMAP on every frame.
+"""What ``blur2view reconstruct`` makes of a video whose true poses are known, beside COLMAP on its frames.
 
 ``python -m tools.evaluation.reconstructed SEQUENCE WORK --out tools/results/reconstructed.md`` reads the
-frames of a sequence that has a ``model``; with ``--wider 1`` or more runs of 5 of every 15 are averages.
+frames of a sequence that has a ``model``. With ``--wider 1`` or more runs of 5 of every 15 are averages, with
+``--known-camera`` all ways get the model's camera, with ``--foreign FOLDER`` frames of another scene stand
+for one in three. A scene that is there is gone on with.
 """
 
-import time
+import os
+import shutil
 from pathlib import Path
 
 import cv2
@@ -14,6 +17,7 @@ import pycolmap
 from blur2view.arrays import Array
 from blur2view.exposure.trajectory import CameraPath
 from blur2view.geometry.pose import rotation_vector
+from blur2view.images.image import read_picture
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.reconstruct import EXPOSURES, ReconstructionOptions, reconstruct
 from tools.command import Existing, Target, publish, run, table
@@ -21,14 +25,20 @@ from tools.evaluation.placed import Poses, centre_of, poses_of
 from tools.evaluation.recovered import averaged, missing_of
 
 RUN, BETWEEN = 5, 10
+FOREIGN = 3  # one in so many frames is of another scene
 LEAD = """\
 A sequence whose every frame has a pose; runs of 5 of every 15 frames are the mean of 2 *wider* + 1
 consecutive ones in linear light (0: as they are). *COLMAP* has every frame, exhaustive matching, default
-options; *spline* goes through the frames that COLMAP registers for the scene, the sharpest. After a
+options. *Spline* goes through the frames that COLMAP registers of the sharpest by Laplacian, one of each of
+equal stretches, as many as the scene's COLMAP gets. *Scene* has all frames (`--all-frames`). After a
 similarity that aligns frames with the true ones, errors of rotation are in degrees and of position in steps,
-the median distance of consecutive frames: median / 90 % over frames with a pose. Seconds are of a processor's
-cores, without child processes."""
-HEAD = "wider | way | frames with a pose | degrees | steps | CPU s"
+the median distance of consecutive frames: median / 90 % over frames with a pose, and over those of the runs
+apart. Seconds are of a processor's cores, of the system and child processes, too. *Foreign* frames are of
+another scene: those that got a pose."""
+HEAD = (
+    "wider | camera | way | frames with a pose | degrees | steps | runs: frames | degrees | steps | CPU s "
+    "| foreign"
+)
 
 
 def write_frames(source: Path, folder: Path, names: list[str], wider: int) -> None:
@@ -61,46 +71,110 @@ def errors(poses: Poses, true: Poses) -> Array:
     return np.column_stack([np.degrees(turns), off])
 
 
-def row(wider: int, way: str, poses: Poses, true: Poses, seconds: str) -> tuple[str, ...]:
+def row(case: tuple[str, ...], way: str, poses: Poses, true: Poses, *more: str) -> tuple[str, ...]:
     """Return the row of a table."""
-    median, most = np.quantile(errors(poses, true), [0.5, 0.9], axis=0)
-    figures = [f"{median[k]:.2f} / {most[k]:.2f}" for k in (0, 1)]
-    return str(wider), way, f"{len(poses)} of {len(true)}", *figures, seconds
+    off = dict(zip([name for name in true if name in poses], errors(poses, true), strict=True))
+    figures = list[str]()
+    for names in (list(true), missing_of(list(true), RUN, BETWEEN)):
+        some = np.array([off[name] for name in names if name in off]).reshape(-1, 2)
+        median, most = np.quantile(some, [0.5, 0.9], axis=0) if len(some) else np.full((2, 2), np.nan)
+        figures += [f"{len(some)} of {len(names)}", *(f"{median[k]:.2f} / {most[k]:.2f}" for k in (0, 1))]
+    return *case, way, *figures, *more
 
 
-def measured(source: Path, work: Path, wider: int) -> list[tuple[str, ...]]:
+def cpu_s() -> float:
+    """Return the seconds of processors that this process and its ended children have used."""
+    return sum(os.times()[:4])
+
+
+def sharpest(folder: Path, names: list[str], count: int) -> list[str]:
+    """Return the sharpest frame by the variance of its Laplacian of each of so many equal stretches."""
+
+    def sharpness(name: str) -> float:
+        grey = cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
+        return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+
+    return [max(part.tolist(), key=sharpness) for part in np.array_split(np.array(names), count)]
+
+
+def by_colmap(
+    work: Path, frames: Path, names: list[str], options: ReconstructionOptions
+) -> tuple[Poses, float]:
+    """Return the poses of COLMAP's largest model of frames, from nothing, and its seconds."""
+    shutil.rmtree(work, ignore_errors=True)
+    begun, database = cpu_s(), work / "matches.db"
+    mapping.match(database, frames, names, camera=options.for_colmap, blurred=False)
+    known = bool(options.camera)
+    models = mapping.mapped(database, frames, work / "models", mapper="incremental", camera_known=known)
+    return poses_of(models[0]) if models else {}, cpu_s() - begun
+
+
+def splined(poses: Poses, names: list[str]) -> Poses:
+    """Return poses of all frames by a spline through these."""
+    known = [name for name in names if name in poses]
+    if len(known) < 2:
+        return {}
+    places = np.array([names.index(name) for name in known])
+    path = CameraPath(places, np.stack([poses[name] for name in known]), len(names))
+    between = {name: path.at(place) for place, name in enumerate(names)}
+    return {name: pose for name, pose in between.items() if pose is not None}
+
+
+def put_among(frames: Path, names: list[str], folder: Path, count: int) -> list[str]:
+    """Write frames of another scene in the place of some; return which are theirs."""
+    others = sorted(path for path in folder.iterdir() if "truth" not in path.name)
+    places = names[1::FOREIGN][:count]
+    size = read_picture(frames / names[0], as_stored=True).pixels.shape[1::-1]
+    for name, other in zip(places, others[:: max(1, len(others) // len(places))], strict=False):
+        small = cv2.resize(cv2.imread(str(other)), size, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(frames / name), small, [cv2.IMWRITE_JPEG_QUALITY, 98])
+    return places
+
+
+def measured(
+    source: Path, work: Path, wider: int, known_camera: bool, foreign: Path | None
+) -> list[tuple[str, ...]]:
     """Return the rows of a sequence; a scene that is there is gone on with."""
-    true = dict(sorted(poses_of(pycolmap.Reconstruction(source / "model")).items()))
-    names = list(true)
-    write_frames(source, work / "frames", names, wider)
-    begun, there = time.process_time(), (work / "scene" / "report.html").exists()
-    made = reconstruct(work / "frames", work / "scene", ReconstructionOptions(all_frames=True))
-    own_s = "made before" if there else f"{time.process_time() - begun:.0f}"
-    poses = {
-        k: v for k, v in poses_of(pycolmap.Reconstruction(work / "scene" / EXPOSURES)).items() if k in true
-    }
-    known = [name for name in made.registered if name in poses]
-    path = CameraPath(
-        np.array([names.index(k) for k in known]), np.stack([poses[k] for k in known]), len(names)
-    )
-    between = {name: path.at(names.index(name)) for name in names}
-    spline = {name: pose for name, pose in between.items() if pose is not None}
-    begun = time.process_time()
-    database = work / "colmap.db"
-    mapping.match(database, work / "frames", names, camera=("SIMPLE_RADIAL", ""), blurred=False)
-    models = mapping.mapped(
-        database, work / "frames", work / "colmap", mapper="incremental", camera_known=False
-    )
-    colmap_s = time.process_time() - begun
-    rows = [row(wider, "COLMAP", poses_of(models[0]), true, f"{colmap_s:.0f}")] if models else []
-    rows.append(row(wider, "spline", spline, true, "-"))
-    return [*rows, row(wider, "scene", poses, true, own_s)]
+    model = pycolmap.Reconstruction(source / "model")
+    true = dict(sorted(poses_of(model).items()))
+    names, (camera,) = list(true), model.cameras.values()
+    words = camera.model_name, camera.width, camera.height, *camera.params
+    options = ReconstructionOptions(all_frames=True, camera=" ".join(map(str, words)) if known_camera else "")
+    frames, there = work / "frames", (work / "scene" / "report.html").exists()
+    write_frames(source, frames, names, wider)
+    others = put_among(frames, names, foreign, 20) if foreign else []
+    begun = cpu_s()
+    made = reconstruct(frames, work / "scene", options)
+    own_s = "made before" if there else f"{cpu_s() - begun:.0f}"
+    poses = poses_of(pycolmap.Reconstruction(work / "scene" / EXPOSURES))
+    got = f"{len([name for name in others if name in poses])} of {len(others)}" if foreign else "-"
+    true = {name: pose for name, pose in true.items() if name not in others}
+    case = str(wider), "known" if known_camera else "found"
+    rows = [row(case, "scene", poses, true, own_s, got)]
+    if not foreign:
+        some = sharpest(frames, names, len(made.mapped))
+        chosen, chosen_s = by_colmap(work / "laplacian", frames, some, options)
+        rows.insert(0, row(case, "spline", splined(chosen, names), true, f"{chosen_s:.0f}", "-"))
+        every, every_s = by_colmap(work / "colmap", frames, names, options)
+        rows.insert(0, row(case, "COLMAP", every, true, f"{every_s:.0f}", "-"))
+    return rows
 
 
-def main(sequence: Existing, work: Path, *, wider: list[int] = [0], out: Target | None = None) -> None:  # noqa: B006
+def main(
+    sequence: Existing,
+    work: Path,
+    *,
+    wider: list[int] = [0],  # noqa: B006
+    known_camera: bool = False,
+    foreign: Existing | None = None,
+    out: Target | None = None,
+) -> None:
     """Measure a sequence, its runs averaged over so many frames before and after."""
-    rows = [one for count in wider for one in measured(sequence, work / f"wider_{count}", count)]
-    publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
+    rows = list[tuple[str, ...]]()
+    for count in wider:
+        folder = work / f"wider_{count}{'_known' * known_camera}{'_foreign' * bool(foreign)}"
+        rows += measured(sequence, folder, count, known_camera, foreign)
+        publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
 
 
 if __name__ == "__main__":
