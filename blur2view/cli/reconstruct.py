@@ -29,7 +29,7 @@ reconstruction.json, work: by which the same call goes on where one was ended; a
 REMEDIES = {
     "too few points": "it shows little of what its neighbours show; add --frames",
     "fewer than two": "it is far from all registered frames; add --frames or --all-frames",
-    "its pose": "it is of another scene, or shaken hard; check it in the report",
+    "its pose": "look at it in the report; --frames gives it nearer neighbours",
 }
 
 
