@@ -10,7 +10,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Folder, InTime, Order
 from blur2view.cli.parser import flag, rare_option
 from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
-from blur2view.cli.terminal import verdict_line
+from blur2view.cli.terminal import reason_line, verdict_line
 from blur2view.errors import OutputError
 from blur2view.files import write_file
 from blur2view.results.gyroflow import gyroflow_log
@@ -119,9 +119,9 @@ def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     contents = estimate_contents(file, record) if job.files else []
     if options.kernels:
         contents.insert(0, blur_kernels(file.estimate.grid, file.estimate.blur).to_npz())
-    lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, options.endings)]
+    lines = [verdict_line(record), fit_line(record) + wrote(job, options.endings)]
     if options.printing.verbose:
-        lines.append(record.reason)
+        lines.append(reason_line(record))
     return Outcome(record=record, summary="\n  ".join(lines), contents=contents)
 
 

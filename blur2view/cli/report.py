@@ -10,7 +10,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime, Order
 from blur2view.cli.parser import option
 from blur2view.cli.run import Run, estimate_file
-from blur2view.cli.terminal import printable, verdict_line
+from blur2view.cli.terminal import printable, reason_line, verdict_line
 from blur2view.files import write_file
 from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
@@ -62,8 +62,8 @@ def entry_one(options: ReportOptions, job: Job) -> Outcome:
         threshold, rng = THRESHOLD, np.random.default_rng(options.estimating.seed)
         mask = segment(file.estimate, file.image, rng, threshold=threshold)
     record = file.record(mask, threshold)
-    summary = verdict_line(str(job.source), record)
+    summary = verdict_line(record)
     if options.printing.verbose:
-        summary += f"\n  {record.reason}"
+        summary += f"\n  {reason_line(record)}"
     shown = section(record, file.estimate, file.image, mask)
     return Outcome(record=record, summary=summary, part=shown)

@@ -201,7 +201,7 @@ class Run:
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.job_sha256)
         if not same or not whole:
             return None
-        summary = f"{printable(str(job.source))}: done before"
+        summary = f"{printable(job.name)}: done before"
         return Outcome(record=replace(record, name=job.name), summary=summary, skipped=True)
 
     def _print(self, outcome: Outcome, *, lines: bool) -> None:

@@ -111,7 +111,5 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
             blurs = [labels, draw_blur_map(file.image, labels)]
         pictures: list[AnyArray] = [*masks, *blurs, GREY[mask.labels], levels, draw_motion(file.image, mask)]
         contents = [png(picture) for picture in pictures]
-    summary = (
-        f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, options.endings)}"
-    )
+    summary = f"{printable(job.name)}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, options.endings)}"
     return Outcome(record=record, summary=summary, contents=contents)

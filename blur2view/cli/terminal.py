@@ -44,10 +44,14 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def verdict_line(name: str, record: "Record") -> str:
-    """Return a photograph's verdict and, where the camera moved, COLMAP's name of the configuration."""
-    line = f"{printable(name)}: {record.verdict}"
-    return f"{line} [{record.config}]" if record.moved() else line
+def verdict_line(record: "Record") -> str:
+    """Return the verdict on a photograph, after its name."""
+    return f"{printable(record.name)}: {record.verdict}"
+
+
+def reason_line(record: "Record") -> str:
+    """Return the reason of a geometry, after COLMAP's name of the configuration where the camera moved."""
+    return f"{record.config}: {record.reason}" if record.moved() else record.reason
 
 
 def say(text: str) -> None:

@@ -192,12 +192,12 @@ def views_line(record: Mapping[str, Any], *, verbose: bool) -> str:
     """Return the line of a photograph."""
     name = printable(record["name"])
     if not record["num_matches"]:
-        return f"{name}: {record['action']}, no matches: {record['reason']} [{record['config']}]"
+        return f"{name}: {record['action']}, no matches: {record['reason']}"
     moved = "translation undecided"
     if record["translation_known"]:
         moved = "parallax proven" if record["parallax"] == Parallax.PROVEN else "translation known"
     counts = f"{record['num_inliers']} of {record['num_matches']} matches fit"
     sure = int(100 * record["time_confidence"])
     order = f"known by neighbours ({sure} % sure)" if record["time_known"] else "unknown"
-    line = f"{name}: {record['action']}, {moved}; {counts}; order in time {order} [{record['config']}]"
-    return f"{line}\n  {record['reason']}" if verbose else line
+    line = f"{name}: {record['action']}, {moved}; {counts}; order in time {order}"
+    return f"{line}\n  {record['config']}: {record['reason']}" if verbose else line

@@ -16,6 +16,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import flag, length, neighbours, option, radius
 from blur2view.cli.run import Run, estimate_file
+from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source
@@ -205,7 +206,8 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred)
     record = file.record() if options.blurred else file.record().without_geometry()
     record = record.with_use(options.max_smear, options.max_defocus).without_geometry()
-    return Outcome(record=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
+    used = f"\n  use: {record.use}" if options.printing.verbose else ""
+    return Outcome(record=record, summary=verdict_line(record) + used)
 
 
 def _listable(job: Job) -> Job:

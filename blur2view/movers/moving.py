@@ -180,7 +180,7 @@ def moving_in(
 
 def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[AnyArray, SmearGrid, int]:
     """Return a photograph at the size that the networks read, its grid there, and the factor between both."""
-    if grid.shares is not None and grid.blur is not None:
+    if grid.shares is not None and grid.blur is not None and not grid.stride % STEP:
         factor = grid.stride // STEP
         return reduced(image, factor), reduced_grid(grid, factor), factor
     factor = 1

@@ -67,12 +67,9 @@ def verdict(record: Record) -> str:
             return f"The camera stood still; {moving}{soft}"
         case BlurKind.CANNOT_TELL:
             return f"{record.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
-    smear, share = rounded(record.smear_px or 0.0), rounded(record.smear_percent or 0.0)
-    by = _turned_by(record)
-    length = "" if by else f"; smears of {smear} px, {share} % of the width"
-    line = f"Camera {_motion(record, by)}{length}"
+    line = f"Camera {_motion(record, _turned_by(record))}; smears of {rounded(record.smear_px or 0.0)} px"
     if record.blur == BlurKind.OUT_OF_FOCUS_AND_MOVED:
-        line += f"; out of focus, too ({radius})"
+        line += f"; out of focus as well ({radius})"
     return f"{line}; {moving}" if record.moving_share else line
 
 
@@ -98,8 +95,11 @@ def percent(share: float) -> str:
 
 
 def _motion(record: Record, by: str) -> str:
-    """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation."""
-    undecided = ", parallax undecided" if record.parallax == Parallax.UNDECIDED else ""
+    """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation.
+
+    Whether parallax is undecided is said by the reason, which -v prints.
+    """
+    undecided = record.parallax == Parallax.UNDECIDED
     match record.config:
         case "":  # triage, which looks at no geometry
             return "moved"
@@ -110,19 +110,18 @@ def _motion(record: Record, by: str) -> str:
         case Configuration.DEGENERATE:
             return "turned or moved, with the same blur everywhere"
         case Configuration.PANORAMIC:
-            return f"{_turned(record)}{by}{undecided}"
+            return f"{_turned(record)}{by}"
         case Configuration.PLANAR_OR_PANORAMIC:
             return f"turned{by} or moved past something flat"
     if record.cam2_from_cam1 is not None:
         turned = f", turned{by}" if by else ""
-        line = f"moved {_towards(record)}{turned}"
-        return line + undecided if record.config == Configuration.PLANAR else line
+        return f"moved {_towards(record)}{turned}"
     if record.config != Configuration.PLANAR:
         return "moved past near and far things"
     if not undecided:
         return "moved past something flat"
     turned = " or turned" if (record.rotation_probability or 0.0) > MIN_TURNED else ""
-    return f"moved{turned}{undecided}"
+    return f"moved{turned}"
 
 
 def _turned(record: Record) -> str:

@@ -35,7 +35,7 @@ def test_too_little_memory_costs_one_photograph(
     printed = run(moving, still)
     assert printed == 1
     assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"
-    assert f"{still}: Sharp" in printed.out
+    assert f"{still.name}: Sharp" in printed.out
 
 
 def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:

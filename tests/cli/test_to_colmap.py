@@ -61,7 +61,7 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     assert (code, err) == (0, "")
     moving, still, total = out.splitlines()
     assert moving.startswith("moving.png: added, ") and "matches fit; order in time unknown" in moving
-    assert still.startswith("still.png: added, no matches: ") and still.endswith("[DEGENERATE]")
+    assert still.startswith("still.png: added, no matches: ") and still.endswith(": sharp")
     assert total == f"{path}: wrote 4 images of 2 photographs"
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:

@@ -11,7 +11,7 @@ from blur2view.results.verdict import use_of
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 MOVED = Record(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
-SMEARS = "; smears of 9.0 px, 1.4 % of the width"
+SMEARS = "; smears of 9.0 px"
 
 
 def moved(config: str, parallax: str = "absent", **more: Any) -> Record:
@@ -33,16 +33,16 @@ CASES = {
     "Too dark: cannot tell": replace(MOVED, blur="cannot tell", nothing_seen="too dark"),
     f"Camera moved, and too little of the picture shows how{SMEARS}": moved("DEGENERATE", "undecided"),
     f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=H, direction_deg=172.0),
-    f"Camera rolled, parallax undecided{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H),
+    f"Camera rolled{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H),
     f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed("CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma=0.09),
-    "Camera turned sideways at 2.1 +/- 0.1 rad/s": posed(
+    f"Camera turned sideways at 2.1 +/- 0.1 rad/s{SMEARS}": posed(
         "PANORAMIC", [0.0, 0, 0], 0.13, wy=2.094, H=H, direction_deg=172.0, exposure_s=0.04
     ),
     f"Camera moved past something flat{SMEARS}": moved("PLANAR", H=H),
-    "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": posed(
+    f"Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees{SMEARS}": posed(
         "CALIBRATED", [0.0, 0.0, 1.0], F=F
     ),
-    f"Camera moved past near and far things{SMEARS}; out of focus, too (radius 3.0 px)": replace(
+    f"Camera moved past near and far things{SMEARS}; out of focus as well (radius 3.0 px)": replace(
         moved("UNCALIBRATED", "proven", F=F), blur="out of focus and moved", defocus_px=3.0
     ),
 }
