@@ -30,7 +30,8 @@ class Oracle:
 
 
 def test_an_estimate_takes_every_network_of_the_protocol() -> None:
-    found = estimate(np.full((480, 640, 3), 0.5, np.float32), network=Oracle())
+    picture = np.random.default_rng(0).random((480, 640, 3), np.float32)  # one colour shows no blur
+    found = estimate(picture, network=Oracle())
     assert found.model_id == "oracle" and found.geometry.F is not None
     epipole = np.linalg.svd(found.geometry.F)[2][-1]
     np.testing.assert_allclose(epipole[:2] / epipole[2], (319.5, 239.5), atol=3)
