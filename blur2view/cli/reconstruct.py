@@ -19,6 +19,8 @@ SHOWN = 3  # frames of each reason without -v
 WRITTEN = """
 images: the frames chosen, with --all-frames all
 sparse/0: COLMAP's model, in which every image is a file
+masks: where anything moves by itself, 0 there: NAME.jpg.png for COLMAP and transforms.json, NAME.png for
+    nerfstudio's reader of COLMAP's models; for instant-ngp also images/dynamic_mask_NAME.png
 exposures: the same with both ends of recovered frames' exposures, NAME#open and NAME#close
 database.db: COLMAP's features and matches
 transforms.json: for nerfstudio and its fork for motion blur, with the points in sparse_pc.ply, or instant-ngp
@@ -70,6 +72,7 @@ class ReconstructOptions:
     exposure: Annotated[float, exposure_s] = rare_option(
         """--exposure S: exposure time in seconds, for nerfstudio's velocities (default: %(default)g)""", 1.0
     )
+    masks: bool = option("--no-masks: without masks of what moves by itself: faster", True)
     jobs: int | None = option("--jobs N: processes that recover frames (default: one per core)")
     printing: Printing = Printing()
 
@@ -98,6 +101,7 @@ class ReconstructOptions:
             mapper=self.mapper,
             dialect=self.dialect,
             exposure_s=self.exposure,
+            masks=self.masks,
         )
         step = partial(waiting, hidden=self.printing.quiet)
         made = reconstruct(self.video, self.output, options, jobs=self.jobs, step=step)

@@ -1,8 +1,8 @@
 """From a blurred video to a scene: COLMAP maps the sharpest frames, and the others are recovered.
 
 The steps are the functions that the commands call: frames are chosen, mapped by COLMAP (`mapping`), recovered
-(`colmap.recovery`), written with and without the views of exposures (`colmap.models`), and for a trainer
-(`colmap.transforms`). Each is noted when it is done (`scene`). Measured by
+(`colmap.recovery`), written with and without the views of exposures (`colmap.models`), masked (`masks`), and
+written for a trainer (`colmap.transforms`). Each is noted when it is done (`scene`). Measured by
 ``python -m tools.evaluation.reconstructed``.
 """
 
@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from statistics import median
 from typing import Any
 
@@ -29,11 +29,13 @@ from blur2view.errors import DatabaseError, ImageError
 from blur2view.files import file_digest, writable_folder, write_beside, write_file
 from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source
+from blur2view.movers.mask import MaskFormat
 from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
+from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.scene import Scene
 from blur2view.reconstruction.timeline import Seen, timeline
 
@@ -60,6 +62,7 @@ class ReconstructionOptions:
     mapper: str = MAPPERS[0]
     dialect: str = transforms.NERFSTUDIO
     exposure_s: float = 1.0  # for nerfstudio's velocities
+    masks: bool = True  # of what moves by itself, where anything does
 
     def __post_init__(self) -> None:
         if self.camera_model not in CAMERA_MODELS:
@@ -121,8 +124,9 @@ def reconstruct(
         A video, or a folder of the frames of one.
     folder
         Where the scene goes: ``images``, ``sparse/0`` (COLMAP's model of these), ``exposures`` (the same
-        with the poses NAME#open and NAME#close of recovered frames), ``database.db``, ``transforms.json``
-        and ``sparse_pc.ply``, ``report.html``. New, empty, or of an earlier call.
+        with the poses NAME#open and NAME#close of recovered frames), ``database.db``, ``masks`` (where
+        anything moves by itself), ``transforms.json`` and ``sparse_pc.ply``, ``report.html``. New, empty, or
+        of an earlier call.
     options
         Which frames, camera and mapper.
     network
@@ -191,8 +195,15 @@ def reconstruct(
         other_models=tuple(counts["others"]),
         smear_px=smears,
     )
+
+    def mask() -> list[str]:
+        posed, beside = [*result.registered, *result.recovered], options.dialect == transforms.INSTANT_NGP
+        with step("finding what moves by itself") as show:
+            return write_masks(folder, IMAGES, posed, work / MASKS, network, beside=beside, show=show)
+
+    masks: list[str] = scene.step("masks", scene.result("masks", []), mask) if options.masks else []
     trainer = [TRANSFORMS, transforms.PLY] if options.dialect == transforms.NERFSTUDIO else [TRANSFORMS]
-    scene.step("transforms", trainer, partial(_write_transforms, folder, options))
+    scene.step("transforms", trainer, partial(_write_transforms, folder, options, masks))
 
     def write_report() -> str:
         with step("writing the report"):
@@ -202,7 +213,8 @@ def reconstruct(
         return REPORT
 
     scene.step("report", [REPORT], write_report)
-    shutil.rmtree(work / "models", ignore_errors=True)
+    for rest in ("models", MASKS):
+        shutil.rmtree(work / rest, ignore_errors=True)
     for database in work.glob("matches_*.db"):
         database.unlink()
     return result
@@ -290,8 +302,8 @@ def _recover(
     }
 
 
-def _write_transforms(folder: Path, options: ReconstructionOptions) -> int:
-    """Write the scene for a trainer; return how many frames it has."""
+def _write_transforms(folder: Path, options: ReconstructionOptions, masks: Sequence[str]) -> int:
+    """Write the scene for a trainer, with its masks if it has any; return how many frames it has."""
     model = read_model(folder / EXPOSURES)
     posed = {image.name: image for image in model.images.values() if image.has_pose}
     try:
@@ -306,6 +318,9 @@ def _write_transforms(folder: Path, options: ReconstructionOptions) -> int:
         images=IMAGES,
         exposure_s=options.exposure_s,
     )
+    if masks and options.dialect == transforms.NERFSTUDIO:
+        for frame, exposure in zip(content["frames"], exposed, strict=True):
+            frame["mask_path"] = f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(exposure.image.name))}"
     content = {"generator": f"blur2view {__version__}", **content}
     files = {folder / transforms.PLY: transforms.point_cloud(model)} if transforms.PLY_KEY in content else {}
     files[folder / TRANSFORMS] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()

@@ -56,6 +56,10 @@ class Scene:
         self._write()
         return result
 
+    def result(self, name: str, otherwise: Any) -> Any:
+        """Return the noted result of a step, or what is given if it is not done."""
+        return self.steps[name]["result"] if name in self.steps else otherwise
+
     def _write(self) -> None:
         """Note the steps that are done."""
         content = {"generator": f"blur2view {__version__}", "call": self.call, "steps": self.steps}

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,17 +16,26 @@ import numpy as np
 import pycolmap
 import pytest
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError, OutputError
-from blur2view.reconstruction import mapping
+from blur2view.movers.mask import MotionLabel, MotionMask
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.reconstruction import mapping, masks
 from blur2view.reconstruction.frames import Frame, chosen
-from blur2view.reconstruction.reconstruct import Reconstruction, ReconstructionOptions, reconstruct
+from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.reconstruct import (
+    Reconstruction,
+    ReconstructionOptions,
+    _write_transforms,
+    reconstruct,
+)
 from blur2view.reconstruction.scene import STATE, Scene
 from tests.support.blurred_plane import BlurredPlane
 from tests.support.calls import call_program
 
 PLANE = BlurredPlane(frames=7)
 REGISTERED = (0, 1, 2, 4, 5, 6)
-OPTIONS = ReconstructionOptions(all_frames=True)
+OPTIONS = ReconstructionOptions(all_frames=True, masks=False)
 
 
 def frames_of(energies: list[float], moved: float) -> list[Frame]:
@@ -151,6 +161,53 @@ def test_every_frame_of_a_scene_has_a_pose_and_a_file(whole: Reconstruction) -> 
     written = json.loads((scene / "transforms.json").read_text())
     assert len(written["frames"]) == 7 and (scene / written["ply_file_path"]).is_file()
     assert all((scene / frame["file_path"]).is_file() for frame in written["frames"])
+
+
+@pytest.fixture
+def moving(monkeypatch: pytest.MonkeyPatch) -> set[str]:
+    """Return the frames, by name, of which a corner moves by itself."""
+    moving, read = set[str](), masks.read_picture
+
+    def segmented(name: str, image: AnyArray) -> MotionMask:
+        labels = np.zeros(image.shape[:2], np.uint8)
+        labels[:20, :30] = MotionLabel.MOVING if name in moving else MotionLabel.STATIC
+        return MotionMask(labels=labels, probability=labels.astype(np.float32), regions=(), reason="")
+
+    opened = list[str]()
+    monkeypatch.setattr(
+        masks, "read_picture", lambda path, **how: opened.append(path.name) or read(path, **how)
+    )
+    monkeypatch.setattr(masks, "estimate", lambda pixels, **options: opened[-1])
+    monkeypatch.setattr(masks, "segment", segmented)
+    return moving
+
+
+def test_a_scene_in_which_nothing_moves_has_no_masks(
+    whole: Reconstruction, moving: set[str], tmp_path: Path
+) -> None:
+    scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
+    assert write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork()) == []
+    assert not (scene / MASKS).exists()
+
+
+@pytest.mark.parametrize("dialect", ["nerfstudio", "instant-ngp"])
+def test_where_something_moves_all_frames_have_masks_that_trainers_find(
+    whole: Reconstruction, moving: set[str], tmp_path: Path, dialect: str
+) -> None:
+    moving.add(PLANE.names[2])
+    scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
+    beside = dialect == "instant-ngp"
+    written = write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork(), beside=beside)
+    _write_transforms(scene, replace(OPTIONS, dialect=dialect), written)
+    frames = json.loads((scene / "transforms.json").read_text())["frames"]
+    named = {frame["file_path"]: frame.get("mask_path") for frame in frames}
+    assert set(named.values()) == ({None} if beside else {f"masks/{name}.png" for name in PLANE.names})
+    for k, name in enumerate(PLANE.names):
+        both = [cv2.imread(str(scene / MASKS / one), -1) for one in (f"{name}.png", name)]
+        assert np.array_equal(*both) and (both[0] == 0).sum() == (600 if k == 2 else 0)
+        assert not both[0][:20, :30].any() or k != 2
+        ignored = scene / "images" / f"dynamic_mask_f_{k}.png"
+        assert (cv2.imread(str(ignored), -1) == 255 - both[0]).all() if beside else not ignored.exists()
 
 
 def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
