@@ -55,7 +55,7 @@ class ReconstructOptions:
     camera: str = option(
         """--camera CAMERA: the camera, where it is known, as COLMAP writes it: "MODEL WIDTH HEIGHT
         PARAMS...", for example "SIMPLE_RADIAL 640 480 525 320 240 0.05"; it is kept (default: COLMAP finds
-        it)""",
+        it, beginning at the focal length of EXIF where there is one)""",
         "",
     )
     camera_model: Annotated[str, one_of(*CAMERA_MODELS)] = option(

@@ -15,9 +15,11 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
+from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError, OutputError
+from blur2view.images.image import read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.reconstruction import mapping, masks
@@ -106,6 +108,21 @@ def test_a_camera_that_stands_still_is_named(tmp_path: Path, capsys: pytest.Capt
     mapped = call_program(capsys, "reconstruct", tmp_path / "frames", "-o", tmp_path / "scene")
     assert mapped == 1 and "COLMAP makes no model of 3 frames: " in mapped.err
     assert not (tmp_path / "scene" / "transforms.json").exists()
+
+
+def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
+    for k in range(2):
+        photograph = Image.fromarray(PLANE.render(k))
+        exif = photograph.getexif()
+        exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 28
+        photograph.save(tmp_path / f"f_{k}.jpg", exif=exif)
+    mapping.match(
+        tmp_path / "m.db", tmp_path, ["f_0.jpg", "f_1.jpg"], camera=("SIMPLE_RADIAL", ""), blurred=False
+    )
+    with pycolmap.Database.open(tmp_path / "m.db") as database:
+        (camera,) = database.read_all_cameras()
+    stated = read_picture(tmp_path / "f_0.jpg", as_stored=True).exif.focal_px
+    assert camera.has_prior_focal_length and camera.focal_length == pytest.approx(stated, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
