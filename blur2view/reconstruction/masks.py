@@ -41,7 +41,9 @@ def write_masks(
         mask = segment(estimate(pixels, network=network, geometry=False), pixels)
         write_file(kept, png(MaskFormat.COLMAP.picture(mask.labels)))
     found = {name: read_regular(work / MaskFormat.COLMAP.path(PurePath(name))) for name in names}
-    pictures = {name: cv2.imdecode(np.frombuffer(mask, np.uint8), -1) for name, mask in found.items()}
+    pictures = {
+        name: np.asarray(cv2.imdecode(np.frombuffer(mask, np.uint8), -1)) for name, mask in found.items()
+    }
     if all(picture.all() for picture in pictures.values()):
         return []
     paths = {f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(name))}": found[name] for name in names}

@@ -91,7 +91,7 @@ def sharpest(folder: Path, names: list[str], count: int) -> list[str]:
     """Return the sharpest frame by the variance of its Laplacian of each of so many equal stretches."""
 
     def sharpness(name: str) -> float:
-        grey = cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
+        grey = np.asarray(cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE))
         return float(cv2.Laplacian(grey, cv2.CV_64F).var())
 
     return [max(part.tolist(), key=sharpness) for part in np.array_split(np.array(names), count)]
@@ -126,7 +126,7 @@ def put_among(frames: Path, names: list[str], folder: Path, count: int) -> list[
     places = names[1::FOREIGN][:count]
     size = read_picture(frames / names[0], as_stored=True).pixels.shape[1::-1]
     for name, other in zip(places, others[:: max(1, len(others) // len(places))], strict=False):
-        small = cv2.resize(cv2.imread(str(other)), size, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(np.asarray(cv2.imread(str(other))), size, interpolation=cv2.INTER_AREA)
         cv2.imwrite(str(frames / name), small, [cv2.IMWRITE_JPEG_QUALITY, 98])
     return places
 
