@@ -139,7 +139,7 @@ class SmearNetwork:
         image = photograph_of(image)
         apart = STEP << _spread(image.shape, Detail(detail))  # also of a string
         with one_thread:
-            values, flat = self._read(image, apart)
+            values, flat = self._read(image, apart, Detail(detail))
         cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
         cells[flat] = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
         blur[flat] = 0, *np.eye(len(KINDS))[CANNOT_TELL]
@@ -149,7 +149,7 @@ class SmearNetwork:
         shape = height, width
         return SmearGrid(cells=cells, blur=blur, shares=own, stride=apart, shape=shape, window_px=window_px)
 
-    def _read(self, image: AnyArray, apart: int) -> tuple[Floats, Mask]:
+    def _read(self, image: AnyArray, apart: int, detail: Detail) -> tuple[Floats, Mask]:
         """Read the windows every ``apart`` pixels: values (h, w, 74), and flat cells (h, w)."""
         levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
@@ -160,7 +160,7 @@ class SmearNetwork:
             return np.zeros((*flat.shape, VALUES), np.float32), flat
         pictures = octaves(grey, levels)
         del grey  # a large photograph's
-        values = read_octaves(self._network, self._features, pictures, apart)
+        values = read_octaves(self._network, self._features, pictures, apart, detail)
         return values[: flat.shape[0], : flat.shape[1]], flat
 
 
@@ -174,7 +174,11 @@ class Octave(NamedTuple):
 
 
 def read_octaves(
-    network: OnnxNetwork, features: int, pictures: Iterator[tuple[int, Floats]], apart: int
+    network: OnnxNetwork,
+    features: int,
+    pictures: Iterator[tuple[int, Floats]],
+    apart: int,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Floats:
     """Read a picture's `octaves`, the smallest first: values (h, w, 74) of cells of ``apart`` pixels.
 
@@ -202,7 +206,9 @@ def read_octaves(
         values[rows, :, :4] = read_smears(read.smears[rows])
 
     in_batches(decode, len(values), threads, ROWS)
-    cells = refine_on_cepstrum(values[..., :4], spectra, threads)
+    cells = values[..., :4]
+    if detail is Detail.GEOMETRY:  # the order of photographs does not depend on a per cent of a length
+        cells = refine_on_cepstrum(cells, spectra, threads)
     values[..., :4] = with_unseen(cells, kinds[..., CANNOT_TELL])
     values[..., 4], values[..., 5 : 5 + len(KINDS)] = read_radii(read.radii), kinds
     values[..., [0, 1, 2, 4]] *= 2**k  # which are pixels

@@ -150,10 +150,14 @@ def test_a_kind_is_close_where_a_little_more_would_show_another() -> None:
     halves = np.where(np.arange(COLUMNS) < COLUMNS // 2, 0, 2)[None].repeat(ROWS, 0)
     assert is_close(grid(halves)) and is_close(grid(within(2, 0, 0.2)))
     assert not any(is_close(grid(within(k, k))) for k in range(4))
-    soft = grid(within(2, 2))
-    assert soft.blur is not None
-    soft.blur[..., 0] = 2.5
-    assert is_close(soft)
+    for kinds, soft in (
+        (within(2, 2), False),
+        (within(3, 2, 0.4), True),
+    ):  # the large radius is a small octave's
+        one = grid(kinds)
+        assert one.blur is not None
+        one.blur[..., 0] = 2.5
+        assert is_close(one) == soft
 
 
 def test_a_look_asks_for_all_windows_and_these_for_networks_where_cells_differ() -> None:
