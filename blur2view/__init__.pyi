@@ -21,13 +21,13 @@ from blur2view.errors import OutputError as OutputError
 from blur2view.exposure.sequence import estimate_frames as estimate_frames
 from blur2view.exposure.views import ExposureViews as ExposureViews
 from blur2view.exposure.views import views_of as views_of
+from blur2view.geometry.configuration import Configuration as Configuration
+from blur2view.geometry.configuration import MotionModel as MotionModel
+from blur2view.geometry.configuration import Parallax as Parallax
 from blur2view.geometry.pose import AngularVelocity as AngularVelocity
 from blur2view.geometry.pose import PoseCovariance as PoseCovariance
 from blur2view.geometry.pose import RigidTransform as RigidTransform
 from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
-from blur2view.geometry.two_view_geometry import Configuration as Configuration
-from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
-from blur2view.geometry.two_view_geometry import Parallax as Parallax
 from blur2view.geometry.two_view_geometry import TimeDirection as TimeDirection
 from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeometry
 from blur2view.images.image import read_image as read_image

@@ -16,7 +16,7 @@ from blur2view.colmap.database import check_target, plan_links, write_database, 
 from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
-from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.geometry.configuration import Parallax
 from blur2view.results.record import Record
 
 WRITTEN = """

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera import Camera
+from blur2view.geometry.configuration import Parallax
 from blur2view.geometry.epipolar import (
     cross_matrix,
     fundamental_from_pose,
@@ -16,7 +17,7 @@ from blur2view.geometry.epipolar import (
     unit_norm,
 )
 from blur2view.geometry.pose import RigidTransform, before_both, rotation_matrix
-from blur2view.geometry.two_view_geometry import Parallax, TimeDirection, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import TINY_SIGMA_PX

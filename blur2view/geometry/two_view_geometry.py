@@ -1,9 +1,8 @@
-"""The two-view geometry of one exposure, with its configuration and its reason."""
+"""The two-view geometry of one exposure, with its configuration and the facts that decided on it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -11,58 +10,14 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera import HALF_PIXEL
+from blur2view.geometry.configuration import Configuration, ModelRow, MotionModel, Parallax, Refusal, Support
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.pose import AngularVelocity, PoseCovariance, RigidTransform
+from blur2view.geometry.reason import explanation
 
 COLMAP_FROM_PIXEL, PIXEL_FROM_COLMAP = (
     np.array([[1, 0, half], [0, 1, half], [0, 0, 1.0]]) for half in (HALF_PIXEL, -HALF_PIXEL)
 )
-
-
-class Configuration(StrEnum):
-    """Kind of two-view geometry, named and spelled as COLMAP's TwoViewGeometryConfiguration.
-
-    UNCALIBRATED and CALIBRATED: parallax is proven, without and with known intrinsics. PANORAMIC and PLANAR:
-    a rotation, or a plane, explains the smears. PLANAR_OR_PANORAMIC: one of them does, but "no motion" is the
-    likeliest model, at a probability of at most one half. DEGENERATE: no motion, or too little is seen.
-    UNDEFINED: the best F explains hardly more smears than chance.
-    """
-
-    UNDEFINED = "UNDEFINED"
-    DEGENERATE = "DEGENERATE"
-    CALIBRATED = "CALIBRATED"
-    UNCALIBRATED = "UNCALIBRATED"
-    PLANAR = "PLANAR"
-    PANORAMIC = "PANORAMIC"
-    PLANAR_OR_PANORAMIC = "PLANAR_OR_PANORAMIC"
-
-
-class Parallax(StrEnum):
-    """Whether smears show things at different depths: only these determine F and the translation."""
-
-    PROVEN = "proven"  # no homography explains the smears, even with errors that neighbours share
-    UNDECIDED = "undecided"  # shared errors could look like it, or too little is seen
-    ABSENT = "absent"  # a homography explains all smears, or nothing moved
-
-
-class MotionModel(StrEnum):
-    """Model of the camera's motion; in brackets its number of parameters, with a rolling shutter 3 more."""
-
-    STILL = "no motion"  # a camera that holds still (0)
-    ROTATION = "rotation"  # H of a rotation (3, not counting 3 intrinsics that have a prior)
-    PLANE = "plane"  # any H (8)
-    PARALLAX = "parallax"  # any H, and parallax along the epipolar lines of F (10)
-    NONE = "none"  # no models were compared
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelRow:
-    """One model: its free parameters, log-likelihood (of the effective number of smears) and probability."""
-
-    model: MotionModel
-    parameters: int
-    log_likelihood: float
-    probability: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +40,6 @@ class TwoViewGeometry:
 
     F: Array | None  # (3, 3); None where no F can be trusted
     config: Configuration
-    reason: str  # one sentence with the figures that decided
     inlier_mask: NDArray[np.bool_]  # (N,): smears that follow F or, without F, H
     second_end_is_open: NDArray[np.bool_]  # (N,): where ends[:, 1] is the open end; nowhere without F and H
     H: Array | None = None  # (3, 3), where a homography explains the smears; with F if parallax is undecided
@@ -96,16 +50,33 @@ class TwoViewGeometry:
     models: tuple[ModelRow, ...] = ()  # those compared, likeliest first
     independent_smears: float = 0.0  # how many smears err independently of each other
     support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
-    stood_still: bool = False  # whether the camera held still, as far as the smears show
-    insufficient_data: bool = False  # whether too little is seen for any conclusion
+    refusal: Refusal | None = None  # why no model was fitted
+    support: Support | None = None  # of the F of least cost, be it given or not
+    few_follow_F: bool = False  # whether parallax would be proven if more smears followed F
     # With a rolling shutter the geometry of the other order in time, which is not the inverse of this one.
     backward: TwoViewGeometry | None = None
+    one_way: bool = False  # whether a rolling shutter leaves no such smears in the other order in time
+
+    @property
+    def reason(self) -> str:
+        """Why the configuration is what it is: one sentence with the figures that decided."""
+        return explanation(self)
 
     @property
     def E(self) -> Array | None:
         """Essential matrix [t]x R (3, 3) of the pose; None without a pose or without its translation."""
         pose = self.cam2_from_cam1
         return None if pose is None or not pose.translation.any() else pose.essential
+
+    @property
+    def insufficient_data(self) -> bool:
+        """Whether too little is seen for any conclusion."""
+        return self.refusal is not None and self.refusal.cause.leaves_motion_open
+
+    @property
+    def stood_still(self) -> bool:
+        """Whether the camera held still, as far as the smears show."""
+        return self.config is Configuration.DEGENERATE and not self.insufficient_data
 
     @property
     def model(self) -> MotionModel:

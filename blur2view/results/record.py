@@ -15,7 +15,7 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Self
 
-from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.geometry.configuration import MotionModel
 from blur2view.results.verdict import use_of, verdict
 from blur2view.smears.blur import BlurKind
 

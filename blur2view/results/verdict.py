@@ -6,7 +6,7 @@ import math
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from blur2view.geometry.two_view_geometry import Configuration, Parallax
+from blur2view.geometry.configuration import Configuration, Parallax
 from blur2view.smears.blur import DEFOCUSED_PX, BlurKind
 
 if TYPE_CHECKING:

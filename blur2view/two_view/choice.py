@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from blur2view.geometry.configuration import Cause, Configuration, ModelRow, MotionModel, Refusal
 from blur2view.geometry.epipolar import symmetric_skew
-from blur2view.geometry.two_view_geometry import Configuration, ModelRow, MotionModel
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
 from blur2view.two_view.fundamental import FundamentalFit
@@ -27,12 +27,13 @@ from blur2view.two_view.models import HomographyFlow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """The configuration, why it is that, whether F is reported, and the homography, where one is."""
+    """The configuration, what decided on it, whether F is reported, and the homography, where one is."""
 
     config: Configuration
-    sentence: str
+    refusal: Refusal | None = None
     models: tuple[ModelRow, ...] = ()
     reports_F: bool = False
+    few_follow_F: bool = False  # else parallax would be proven
     homography: HomographyFit | None = None
 
 
@@ -56,8 +57,7 @@ def choose(
     """
     has_consensus = agreement >= c.MIN_AGREEMENT
     if not has_consensus and not moved and within_errors(likelihood.matches):
-        sentence = "no motion, the smears are no longer than their errors"
-        return Choice(config=Configuration.DEGENERATE, sentence=sentence)
+        return Choice(config=Configuration.DEGENERATE, refusal=Refusal(cause=Cause.WITHIN_ERRORS))
     sample = likelihood.thinned(c.SAMPLE)
     residuals = FundamentalFit(point=fit.point, likelihood=sample, sign=fit.sign).residuals
     orders = residuals.backward, residuals.forward_share < 0.5  # by F, and by depth as well
@@ -151,13 +151,11 @@ def named(candidates: list[Candidate], probabilities: list[float], agreement: fl
         )
         for model in sorted(odds, key=lambda model: -odds[model])
     )
-    table = ", ".join(f"{row.model} {row.probability:.2f}" for row in rows)
     parallax = odds.get(MotionModel.PARALLAX, 0.0)
     if parallax >= c.PROVEN_FROM and agreement >= c.PROVEN_AGREEMENT:
-        sentence = f"parallax is proven ({table})"
-        return Choice(config=Configuration.UNCALIBRATED, sentence=sentence, models=rows, reports_F=True)
+        return Choice(config=Configuration.UNCALIBRATED, models=rows, reports_F=True)
     if odds.get(MotionModel.STILL, 0.0) > 0.5:
-        return Choice(config=Configuration.DEGENERATE, sentence=f"no motion ({table})", models=rows)
+        return Choice(config=Configuration.DEGENERATE, models=rows)
     plane = likeliest[MotionModel.PLANE].fit
     on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
     enough = plane.likelihood.smears.fully_correlated.has_many_independent and on_plane >= c.MIN_ON_PLANE
@@ -165,14 +163,15 @@ def named(candidates: list[Candidate], probabilities: list[float], agreement: fl
     unrolled = sum(p for p, candidate in pairs if not candidate.rolls)
     absent = enough and parallax < c.ABSENT_BELOW * unrolled
     if agreement < c.MIN_AGREEMENT and not absent:
-        return Choice(config=Configuration.UNDEFINED, sentence=f"no consensus ({table})", models=rows)
+        return Choice(config=Configuration.UNDEFINED, models=rows)
     model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds[model])
     config = Configuration.PANORAMIC if model is MotionModel.ROTATION else Configuration.PLANAR
     if rows[0].model is MotionModel.STILL:  # likelier than any other model, not than all of them
         config = Configuration.PLANAR_OR_PANORAMIC
-    sentence = f"{'there is no parallax' if absent else 'parallax is undecided'} ({table})"
-    if parallax >= c.PROVEN_FROM:
-        sentence += ", as few smears follow F"
     return Choice(
-        config=config, sentence=sentence, models=rows, reports_F=not absent, homography=likeliest[model].fit
+        config=config,
+        models=rows,
+        reports_F=not absent,
+        few_follow_F=parallax >= c.PROVEN_FROM,
+        homography=likeliest[model].fit,
     )

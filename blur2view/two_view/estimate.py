@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array, require
+from blur2view.arrays import TINY, Array, require
 from blur2view.camera import Camera
+from blur2view.geometry.configuration import Cause, Configuration, Parallax, Refusal, Support
 from blur2view.geometry.epipolar import denormalise, serrmin, unit_norm
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
@@ -105,8 +105,7 @@ def estimate_two_view(
         key=lambda order: (order.cam2_from_cam1 is None, by_parallax(order.parallax), order.E is not None),
     )
     if len(found) == 1:
-        reason = f"{found[0].reason}; in the other order in time the rows leave no such smears"
-        return replace(found[0], reason=reason)
+        return replace(found[0], one_way=True)
     return replace(found[0], backward=found[1])
 
 
@@ -137,10 +136,8 @@ def estimate_global_shutter(
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
     """Return the degenerate geometry of a photograph whose camera did not move, or that shows no motion."""
-    unclear = blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL)
-    known = blur.kind is not BlurKind.CANNOT_TELL
-    reason = f"{'no motion of the camera' if known else 'cannot tell if the camera moved'}: {blur.reason}"
-    return no_geometry(matches, reason, stood_still=not unclear, insufficient_data=unclear)
+    causes = {BlurKind.OUT_OF_FOCUS: Cause.NO_BLUR_SEEN, BlurKind.CANNOT_TELL: Cause.UNCLEAR}
+    return no_geometry(matches, Refusal(cause=causes.get(blur.kind, Cause.CAMERA_AT_REST), blur=blur.reason))
 
 
 def without_fit(matches: SmearMatches) -> TwoViewGeometry:
@@ -161,16 +158,14 @@ def as_recorded(
     moved: bool = False,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of smears; with ``rolling`` models of a rolling shutter are added."""
-    if (nothing := refused(matches)) is not None:
-        return nothing
+    if (refusal := refused(matches)) is not None:
+        return no_geometry(matches, refusal)
     straight = matches if camera is None else undistorted(matches, camera)
     likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
     F = denormalise(fit.point.matrix(), likelihood.T)
     inliers, by_chance = inliers_of(F, likelihood, options)
-    share = 100 * int(inliers.sum()) // len(inliers)  # rounded down, as only all are 100 %
-    figures = f"{share} % of {len(inliers)} smears fit, {100 * by_chance:.0f} % would by chance"
-    agreement = (float(inliers.mean()) - by_chance) / max(1 - by_chance, 1e-9)
-    choice = choose(likelihood, fit, agreement=agreement, rolling=rolling, moved=moved)
+    support = Support(num_inliers=int(inliers.sum()), count=len(inliers), by_chance=by_chance)
+    choice = choose(likelihood, fit, agreement=support.agreement, rolling=rolling, moved=moved)
     field, pose = choice.homography, None
     if likelihood.lens_sigma == (0.0, 0.0) and (choice.reports_F or field is not None):
         pose = estimate_pose(likelihood, fit, choice)
@@ -188,12 +183,13 @@ def as_recorded(
         F=F if choice.reports_F else None,
         H=H,
         config=Configuration.CALIBRATED if proven and pose is not None else choice.config,
-        reason=f"{choice.sentence}: {figures}{'' if pose is None else pose.sentence}",
         inlier_mask=inliers,
         second_end_is_open=np.zeros(len(likelihood), bool),
         cam2_from_cam1=None if pose is None else pose.cam2_from_cam1,
         covariance=None if pose is None else pose.covariance,
-        stood_still=choice.config is Configuration.DEGENERATE,
+        refusal=choice.refusal,
+        support=support,
+        few_follow_F=choice.few_follow_F,
         models=choice.models,
         independent_smears=likelihood.effective_count,
         support_by_chance=by_chance,
@@ -213,33 +209,27 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     return replace(matches, ends=np.where(seen, straight, matches.ends))
 
 
-def no_geometry(matches: SmearMatches, reason: str, **why: Any) -> TwoViewGeometry:
+def no_geometry(matches: SmearMatches, refusal: Refusal) -> TwoViewGeometry:
     """Return a DEGENERATE geometry: neither F nor H, and no smear is an inlier."""
     none = np.zeros(len(matches), bool)
-    config = Configuration.DEGENERATE
     return TwoViewGeometry(
-        F=None, config=config, reason=reason, inlier_mask=none, second_end_is_open=none, **why
+        F=None, config=Configuration.DEGENERATE, inlier_mask=none, second_end_is_open=none, refusal=refusal
     )
 
 
-def refused(matches: SmearMatches) -> TwoViewGeometry | None:
-    """Return the DEGENERATE geometry of too few, too short or collinear smears; None of any others."""
+def refused(matches: SmearMatches) -> Refusal | None:
+    """Return why smears are too few, too short or collinear; None of any others."""
     if len(matches) < c.MIN_SMEARS:
-        few = f"too few smears: {len(matches)}, at least {c.MIN_SMEARS} are needed"
-        return no_geometry(matches, few, insufficient_data=True)
+        return Refusal(cause=Cause.FEW_SMEARS, value=len(matches), limit=c.MIN_SMEARS)
     median = float(np.median(matches.length_px))
     if median < c.MIN_LENGTH_PX:
-        short = f"no motion: the median smear is {median:.2f} px long, below {c.MIN_LENGTH_PX:.2f} px"
-        return no_geometry(matches, short, stood_still=True)
+        return Refusal(cause=Cause.SHORT_SMEARS, value=median, limit=c.MIN_LENGTH_PX)
     share = coverage(matches)
     if share < c.MIN_COVERAGE:
-        least = f"at least {100 * c.MIN_COVERAGE:.0f} % needed"
-        little = f"the smears cover {100 * share:.0f} % of the image ({least})"
-        moved = f"{little}: perhaps one moving object before a still camera"
-        return no_geometry(matches, moved, insufficient_data=True)
+        return Refusal(cause=Cause.SMALL_PART, value=share, limit=c.MIN_COVERAGE)
     short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
     if short <= c.MIN_WIDTH * long:  # these do not determine F nor H
-        return no_geometry(matches, "all smears lie along one line", insufficient_data=True)
+        return Refusal(cause=Cause.ONE_LINE, value=float(short / max(long, TINY)), limit=c.MIN_WIDTH)
     return None
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import PoseCovariance, RigidTransform, plane_basis, rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
 from blur2view.two_view.fundamental import DirectionLikelihood, FundamentalFit, fit_best
@@ -29,11 +29,10 @@ ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any d
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatedPose:
-    """The pose, its covariance, and a sentence that says how it was found."""
+    """The pose, its covariance, and E where that was fitted."""
 
     cam2_from_cam1: RigidTransform
     covariance: PoseCovariance
-    sentence: str
     E: Array | None = None  # (3, 3), from which F is computed anew; None where F stays as fitted
 
 
@@ -48,8 +47,7 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
     if choice.config is Configuration.PANORAMIC and field is not None:
         smears = FieldLikelihood(smears=field.likelihood.smears.fully_correlated)
         spread = replace(field, likelihood=smears).covariance()[:3, :3]
-        why = "the rotation that explains the smears alone"
-        return rotation_alone(field.family.parameters[:3], spread, why)
+        return rotation_alone(field.family.parameters[:3], spread)
     directions = DirectionLikelihood(likelihood=correlated)
     point, pose = fit_calibrated(likelihood, fit.point, directions)
     tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
@@ -58,17 +56,13 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
     if not correlated.has_many_independent:  # else the likelihood is narrower than the grid's steps
         matrix = matrix + region
     covariance = PoseCovariance(matrix=matrix, tangents=tangents)
-    fitted = "; E was then fitted to the known intrinsics"
     proven = choice.config is Configuration.UNCALIBRATED
     if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:
-        return EstimatedPose(cam2_from_cam1=pose, covariance=covariance, sentence=fitted, E=pose.essential)
+        return EstimatedPose(cam2_from_cam1=pose, covariance=covariance, E=pose.essential)
     off = mean - pose.rotation_vector
     unseen = c.UNSEEN * float(np.median(likelihood.matches.length_px)) / likelihood.unit_px
     spread = region[:3, :3] - np.outer(off, off) + unseen**2 * np.eye(3)
-    alone = rotation_alone(mean, spread, "the mean rotation over all directions of translation")
-    if not choice.reports_F:
-        return alone
-    return replace(alone, E=pose.essential, sentence=f"{fitted}{alone.sentence}")
+    return replace(rotation_alone(mean, spread), E=pose.essential if choice.reports_F else None)
 
 
 def fit_calibrated(
@@ -114,15 +108,14 @@ def covariance_at(point: FundamentalManifold, correlated: Likelihood) -> Array:
     return np.asarray(c.COVARIANCE_FACTOR * np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), float)
 
 
-def rotation_alone(vector: Array, covariance: Array, why: str) -> EstimatedPose:
+def rotation_alone(vector: Array, covariance: Array) -> EstimatedPose:
     """Return the pose without translation of w (3,), the rotation being Cayley's transform of [w]x.
 
-    ``covariance`` (3, 3) is that of w, squared radians; ``why`` ends the sentence "the pose is ...".
+    ``covariance`` (3, 3) is that of w, squared radians.
     """
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
     matrix[:3, :3] = covariance
     return EstimatedPose(
         cam2_from_cam1=RigidTransform(rotation=cayley(cross_matrix(vector)), translation=np.zeros(3)),
         covariance=PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2]),
-        sentence=f"; the pose is {why}",
     )

@@ -15,8 +15,8 @@ from blur2view.colmap.database import colmap_camera_of, write_database
 from blur2view.colmap.project import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration
 from tests.support.colmap_projects import check_database, make_project, run_sql, some_views, user_rows
 
 SIZE, COUNT = (640, 480), 30

@@ -21,9 +21,10 @@ from blur2view.exposure.sequence import (
     motion_of,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)
@@ -64,7 +65,6 @@ def views(scene: Clip) -> ExposureViews:
         F=fundamental_from_pose(CAMERA.K, R, t),
         cam2_from_cam1=RigidTransform(rotation=R, translation=t),
         config=Configuration.CALIBRATED,
-        reason="exact",
         inlier_mask=np.ones(len(first), bool),
         second_end_is_open=np.zeros(len(first), bool),
     )

@@ -15,9 +15,10 @@ from blur2view.exposure.views import (
     keypoint_views,
     views_of,
 )
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import sampson
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.camera_motion import blur_of
@@ -90,7 +91,7 @@ def test_known_intrinsics_halve_exactly() -> None:
     pose = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
     none, config = np.zeros(0, bool), Configuration.CALIBRATED
     geometry = TwoViewGeometry(
-        F=scene.F, cam2_from_cam1=pose, config=config, reason="", inlier_mask=none, second_end_is_open=none
+        F=scene.F, cam2_from_cam1=pose, config=config, inlier_mask=none, second_end_is_open=none
     )
     half, back = (half_geometry(one, scene.camera, IMAGE_SIZE) for one in (geometry, geometry.reversed()))
     assert half.F is not None and half.covariance is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.pose import (
     PoseCovariance,
     RigidTransform,
@@ -14,7 +15,7 @@ from blur2view.geometry.pose import (
     rotation_matrix,
     rotation_vector,
 )
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers
 from tools.metrics import rotation_error, squared_distance, translation_direction_error_deg

@@ -7,7 +7,8 @@ import pycolmap
 import pytest
 
 from blur2view.camera import to_colmap
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.configuration import Configuration
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import translation_direction_error_deg
@@ -51,7 +52,7 @@ def test_F_and_H_are_of_colmaps_pixels_half_a_pixel_from_ours() -> None:
     points, F, H = rng.uniform(0, 100, (20, 2)), rng.normal(size=(3, 3)), np.eye(3)
     H = H + 1e-3 * rng.normal(size=(3, 3))
     geometry = TwoViewGeometry(
-        F=F, H=H, config=Configuration.PLANAR, reason="", inlier_mask=NONE, second_end_is_open=NONE
+        F=F, H=H, config=Configuration.PLANAR, inlier_mask=NONE, second_end_is_open=NONE
     )
     theirs, half = geometry.to_pycolmap(), np.array([0.5, 0.5, 0])
     x, y = np.c_[points, np.ones(20)], np.c_[points[::-1], np.ones(20)]
@@ -65,7 +66,7 @@ def test_F_and_H_are_of_colmaps_pixels_half_a_pixel_from_ours() -> None:
 
 @pytest.mark.parametrize("config", Configuration)
 def test_every_configuration_has_its_namesake(config: Configuration) -> None:
-    geometry = TwoViewGeometry(F=None, config=config, reason="", inlier_mask=NONE, second_end_is_open=NONE)
+    geometry = TwoViewGeometry(F=None, config=config, inlier_mask=NONE, second_end_is_open=NONE)
     theirs = geometry.to_pycolmap()
     assert pycolmap.TwoViewGeometryConfiguration(theirs.config).name == config.name
     assert theirs.F is None and theirs.E is None and theirs.cam2_from_cam1 is None

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import draw_overlay
 from blur2view.smears.camera_motion import blur_of
@@ -21,7 +22,6 @@ def drawn(ends: NDArray[np.float64], fits: bool, F: NDArray[np.float64], swapped
     geometry = TwoViewGeometry(
         F=F,
         config=Configuration.UNCALIBRATED,
-        reason="the figures that decided",
         inlier_mask=np.full(len(ends), fits),
         second_end_is_open=np.full(len(ends), swapped),
     )

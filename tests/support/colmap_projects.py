@@ -81,7 +81,6 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
         F=rng.normal(size=(3, 3)),
         H=np.eye(3) + 0.01 * rng.normal(size=(3, 3)),
         config=Configuration.UNCALIBRATED,
-        reason="drawn at random",
         inlier_mask=rng.random(count) < 0.8,
         second_end_is_open=np.zeros(count, bool),
     )

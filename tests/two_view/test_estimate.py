@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
+from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import fundamental_from_pose, serrmin
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, in_spread_directions

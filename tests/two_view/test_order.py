@@ -66,7 +66,6 @@ def test_a_rotation_alone_orders_all_and_F_and_H_beside_it_run_its_way(reverse: 
         F=scene.F,
         H=H / np.linalg.norm(H),
         config="PANORAMIC",  # type: ignore[arg-type]
-        reason="",
         inlier_mask=np.ones(len(scene.ends), bool),
         second_end_is_open=np.zeros(len(scene.ends), bool),
         cam2_from_cam1=RigidTransform(rotation=R, translation=np.zeros(3)),

@@ -5,9 +5,9 @@ import pytest
 
 from blur2view import Camera, Configuration, RollingShutter, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
+from blur2view.geometry.configuration import MotionModel
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import rotation_matrix
-from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.smears.noise import NoiseModel
 from tests.support.scenes import IMAGE_SIZE, Scene, distorted_points, disturb, make_scene
 from tools.evaluation import pose_coverage
