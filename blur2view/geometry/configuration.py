@@ -63,6 +63,7 @@ class Cause(StrEnum):
     CAMERA_AT_REST = "camera at rest"
     NO_BLUR_SEEN = "no blur seen"  # that a camera's motion leaves
     UNCLEAR = "unclear"  # whether the camera moved
+    NOT_ASKED_FOR = "not asked for"
 
     @property
     def leaves_motion_open(self) -> bool:

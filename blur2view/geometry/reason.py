@@ -40,6 +40,8 @@ def _refusal(refusal: Refusal) -> str:
             return "no motion: the smears are no longer than their errors"
         case Cause.UNCLEAR:
             return f"cannot tell if the camera moved: {refusal.blur}"
+        case Cause.NOT_ASKED_FOR:
+            return "the geometry was not asked for"
     return f"no motion of the camera is seen: {refusal.blur}"
 
 

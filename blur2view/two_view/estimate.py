@@ -145,7 +145,7 @@ def without_fit(matches: SmearMatches) -> TwoViewGeometry:
 
     It says whether the camera stood still, as `estimate_two_view` does where the camera is known to move.
     """
-    return refused(matches) or no_geometry(matches, "the geometry was not asked for")
+    return no_geometry(matches, refused(matches) or Refusal(cause=Cause.NOT_ASKED_FOR))
 
 
 def as_recorded(
