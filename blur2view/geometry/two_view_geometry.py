@@ -28,7 +28,7 @@ class TimeDirection:
     confidence: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TwoViewGeometry:
     """Two-view geometry of N smears, from shutter-open (1) to shutter-close (2), in undistorted pixels.
 
@@ -49,13 +49,23 @@ class TwoViewGeometry:
     covariance: PoseCovariance | None = None
     models: tuple[ModelRow, ...] = ()  # those compared, likeliest first
     independent_smears: float = 0.0  # how many smears err independently of each other
-    support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
     refusal: Refusal | None = None  # why no model was fitted
     support: Support | None = None  # of the F of least cost, be it given or not
     few_follow_F: bool = False  # whether parallax would be proven if more smears followed F
     # With a rolling shutter the geometry of the other order in time, which is not the inverse of this one.
     backward: TwoViewGeometry | None = None
     one_way: bool = False  # whether a rolling shutter leaves no such smears in the other order in time
+
+    def __repr__(self) -> str:
+        given = [name for name in ("F", "H", "E") if getattr(self, name) is not None]
+        matrices = " and ".join(given) or "no F"
+        fit = f"{int(self.inlier_mask.sum())} of {len(self.inlier_mask)} smears fit"
+        return f"<TwoViewGeometry {self.config}: {matrices}; {fit}>"
+
+    @property
+    def support_by_chance(self) -> float:
+        """Share of the smears that would be inliers if their directions were random."""
+        return 0.0 if self.support is None else self.support.by_chance
 
     @property
     def reason(self) -> str:

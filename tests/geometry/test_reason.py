@@ -72,3 +72,10 @@ def test_only_what_leaves_motion_open_is_no_still_camera() -> None:
     still = {cause for cause in Cause if refused(cause).stood_still}
     assert still == {Cause.SHORT_SMEARS, Cause.WITHIN_ERRORS, Cause.CAMERA_AT_REST}
     assert not geometry("UNDEFINED").stood_still
+
+
+def test_a_geometry_is_printed_in_a_line() -> None:
+    mask = np.arange(200) < 150
+    found = geometry("PLANAR", F=F, H=H, inlier_mask=mask, support=SUPPORT)
+    assert repr(found) == "<TwoViewGeometry PLANAR: F and H; 150 of 200 smears fit>"
+    assert found.support_by_chance == 0.084
