@@ -49,6 +49,7 @@ class TwoViewGeometry:
     covariance: PoseCovariance | None = None
     models: tuple[ModelRow, ...] = ()  # those compared, likeliest first
     independent_smears: float = 0.0  # how many smears err independently of each other
+    support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
     refusal: Refusal | None = None  # why no model was fitted
     support: Support | None = None  # of the F of least cost, be it given or not
     few_follow_F: bool = False  # whether parallax would be proven if more smears followed F
@@ -61,11 +62,6 @@ class TwoViewGeometry:
         matrices = " and ".join(given) or "no F"
         fit = f"{int(self.inlier_mask.sum())} of {len(self.inlier_mask)} smears fit"
         return f"<TwoViewGeometry {self.config}: {matrices}; {fit}>"
-
-    @property
-    def support_by_chance(self) -> float:
-        """Share of the smears that would be inliers if their directions were random."""
-        return 0.0 if self.support is None else self.support.by_chance
 
     @property
     def reason(self) -> str:

@@ -192,6 +192,7 @@ def as_recorded(
         few_follow_F=choice.few_follow_F,
         models=choice.models,
         independent_smears=likelihood.effective_count,
+        support_by_chance=by_chance,
     )
     return in_order(geometry, matches, camera)
 

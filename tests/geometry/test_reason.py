@@ -78,4 +78,3 @@ def test_a_geometry_is_printed_in_a_line() -> None:
     mask = np.arange(200) < 150
     found = geometry("PLANAR", F=F, H=H, inlier_mask=mask, support=SUPPORT)
     assert repr(found) == "<TwoViewGeometry PLANAR: F and H; 150 of 200 smears fit>"
-    assert found.support_by_chance == 0.084
