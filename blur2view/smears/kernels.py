@@ -113,23 +113,29 @@ def motion_kernels(displacement: Array, radius_px: Array, side: int) -> Floats:
     """Return the kernels (N, side, side) of straight, even smears before a lens out of focus.
 
     ``displacement`` (N, 2) is d in pixels, ``radius_px`` (N,) that of the disc. A path from -d/2 to d/2 is
-    sampled evenly, and each sample is shared among the four pixels about it.
+    sampled evenly, and each sample is shared among the four pixels about it; samples beyond the kernel are
+    left out.
     """
     middle, count = (side - 1) / 2, len(displacement)
     longest = float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
     steps = (np.arange(samples := max(int(SAMPLES_A_PX * longest), 1)) + 0.5) / samples - 0.5
-    kernels = np.zeros((count, side * side), np.float32)
-    rows = np.arange(count)
+    flat = np.zeros((count, side * side), np.float32)
+    rows, samples_inside = np.arange(count), np.zeros(count, np.float32)
     for step in steps:
-        x, y = np.clip(middle + step * displacement, 0, side - 1).T
+        path = middle + step * displacement
+        inside = ((path >= 0) & (path <= side - 1)).all(axis=1)
+        samples_inside += inside.astype(np.float32)
+        x, y = np.clip(path, 0, side - 1).T
         left, top = np.floor(x).astype(int), np.floor(y).astype(int)
         right, bottom = np.minimum(left + 1, side - 1), np.minimum(top + 1, side - 1)
         across, down = x - left, y - top
-        kernels[rows, top * side + left] += (1 - across) * (1 - down)
-        kernels[rows, top * side + right] += across * (1 - down)
-        kernels[rows, bottom * side + left] += (1 - across) * down
-        kernels[rows, bottom * side + right] += across * down
-    kernels = kernels.reshape(count, side, side) / np.float32(len(steps))
+        upper, lower = (1 - down) * inside, down * inside
+        flat[rows, top * side + left] += (1 - across) * upper
+        flat[rows, top * side + right] += across * upper
+        flat[rows, bottom * side + left] += (1 - across) * lower
+        flat[rows, bottom * side + right] += across * lower
+    flat /= np.maximum(samples_inside, np.float32(1))[:, None]
+    kernels = flat.reshape(count, side, side)
     for k in np.flatnonzero(radius_px > IN_FOCUS_PX):
         blurred = cv2.filter2D(kernels[k], -1, disc(float(radius_px[k])), borderType=cv2.BORDER_CONSTANT)
         kernels[k] = blurred / blurred.sum()

@@ -104,3 +104,8 @@ def test_map_tells_a_sharp_half_from_a_smeared_and_a_soft_one(sharp: Floats) -> 
     for third, label in zip(thirds, (BlurLabel.SMEARED, BlurLabel.SHARP, BlurLabel.SOFT), strict=True):
         assert (third == label).mean() > 0.9
     assert sum(shares_of_labels(labels).values()) == pytest.approx(1)
+
+
+def test_kernel_leaves_out_what_a_longer_smear_covers_beyond_it() -> None:
+    long, short = motion_kernels(np.array([[400.0, 100.0], [40.0, 10.0]]), np.zeros(2), 41)
+    np.testing.assert_allclose(long, short, atol=0.01)
