@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from blur2view import __version__
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.place import refused_lines
@@ -93,7 +94,7 @@ class RecoverOptions:
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
             sequence = FrameSequence(model, self.photographs, names, SmearNetwork())
-            notes = Notes(self.output / NOTES, sequence)
+            notes = Notes(self.output / NOTES, sequence, version=__version__)
             try:
                 recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
             except KeyboardInterrupt:

@@ -200,6 +200,8 @@ def test_notes_of_another_call_begin_anew_and_other_files_stay(
     fewer = FrameSequence(folder / "model", folder / "frames", PLANE.names[:-1], network)  # type: ignore[arg-type]
     assert Notes(notes, fewer).results == {}
     mine.write_text("mine")
+    Notes(notes, sequence).add(PLANE.names[3], "of this version")
+    assert Notes(notes, sequence, version="another").results == {}
     with pytest.raises(OutputError, match="was not written by blur2view"):
         Notes(mine, sequence)
     assert mine.read_text() == "mine"
