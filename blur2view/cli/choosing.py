@@ -17,7 +17,9 @@ from blur2view.errors import ImageError
 from blur2view.images.inputs import bitmap
 from blur2view.images.video import frame_time, read_frame
 
-NEIGHBOURS = 12  # bound: of so many at most gradients are compared, as they show the same things, and kept
+NEIGHBOURS = (
+    12  # bound: of so many at most gradients are compared, because they show the same things, and kept
+)
 SHARE = 3  # of so many neighbours the network reads one
 SIDE_PX = 1280  # bound: of larger pictures the gradients are those of smaller copies
 

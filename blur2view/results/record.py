@@ -310,7 +310,7 @@ class Record:
         """
         stored = json.loads(text)
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
-            raise ValueError("is no JSON document of a photograph")
+            raise ValueError("is not a JSON document of a photograph")
         known = [entry for entry in fields(cls) if entry.name in stored]
         for entry in known:
             kinds = [TYPES[kind.partition("[")[0]] for kind in str(entry.type).split(" | ")]
@@ -367,7 +367,7 @@ def explanations(*, flat: bool = False) -> dict[str, str]:
 def table_text(rows: Iterable[Record]) -> bytes:
     """Return the records' flat part as CSV (RFC 4180, but lines end in LF) with a header.
 
-    Bytes of names that are no UTF-8 stay as they are.
+    Bytes of names that are not UTF-8 stay as they are.
     """
     columns = list(dict.fromkeys([*FIRST, *explanations(flat=True)]))
     text = io.StringIO()
