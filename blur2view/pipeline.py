@@ -100,8 +100,26 @@ def estimate(
     Returns
     -------
     Estimate
-        A photograph without a trustworthy F has a configuration with its reason, not an error. ValueError,
-        ModelError or ImageError of what cannot be used.
+        A photograph without a trustworthy F has a configuration with its reason, not an error.
+
+    Raises
+    ------
+    ValueError
+        If the picture has another shape, values or a size that cannot be used, or the camera is for pictures
+        of another size.
+    ImageError
+        If the file of a path cannot be read.
+    ModelError
+        If the network cannot be used.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> result = blur2view.estimate("models/sample.jpg")
+    >>> print(result.blur.kind)
+    camera moved
+    >>> result.geometry.F.shape
+    (3, 3)
     """
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)
@@ -167,10 +185,25 @@ def segment(
         Probability above 0 and below 1 that the highest place of a part must reach. A lower one misses less
         of what moves, and marks more of what stands still.
 
+    Returns
+    -------
+    MotionMask
+        The label of every pixel, (H, W), and the moving parts; empty of parts where nothing moves.
+
     Raises
     ------
     ValueError
         If the image has another shape than the estimate, or the threshold is out of its range.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> image = blur2view.read_image("models/sample.jpg")
+    >>> mask = blur2view.segment(blur2view.estimate(image), image)
+    >>> mask.labels.shape
+    (540, 960)
+    >>> sorted(mask.shares)
+    ['moving', 'static', 'unobservable']
     """
     image, grid = photograph_of(image), estimate.grid
     if image.shape[:2] != grid.shape:

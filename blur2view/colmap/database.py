@@ -46,9 +46,27 @@ Placed = tuple[ExposureViews, int, int | None]
 def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureViews]) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Without F and H nothing is matched. A database of nothing but views is replaced. DatabaseError if any
-    other file is there, or it cannot be written; ValueError if photographs share a name, or one is not
-    UTF-8.
+    Without F and H nothing is matched. A database of nothing but views is replaced.
+
+    Parameters
+    ----------
+    path : path
+        The database.
+    photographs : sequence of ExposureViews
+        The views of each photograph, of `views_of`.
+
+    Raises
+    ------
+    DatabaseError
+        If any other file is there, or the database cannot be written.
+    ValueError
+        If photographs share a name, or one is not UTF-8.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> from blur2view import views_of, write_database
+    >>> write_database("new.db", [views_of("sample.jpg", blur2view.estimate("models/sample.jpg"))])
     """
     path, names = Path(path), [views.name for views in photographs]
     if len(set(names)) < len(names) or not all(map(project.storable, names)):

@@ -33,8 +33,24 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return pycolmap.IncrementalPipelineOptions for a database that ``blur2view to-colmap`` wrote.
 
-    It holds exposures alone, which do not determine the focal length, or, ``linked``, views beside a
-    project's photographs; with ``keep_photographs`` their model, which ``input_path`` names, stays.
+    Parameters
+    ----------
+    linked : bool
+        Whether the database holds views beside a project's photographs; else it holds exposures alone, which
+        do not determine the focal length.
+    keep_photographs : bool
+        Whether the photographs' model, which ``input_path`` names, stays as it is.
+
+    Returns
+    -------
+    pycolmap.IncrementalPipelineOptions
+        Options of ``pycolmap.incremental_mapping``.
+
+    Examples
+    --------
+    >>> from blur2view import mapper_options
+    >>> mapper_options().ba_refine_focal_length, mapper_options(linked=True).ba_refine_focal_length
+    (False, True)
     """
     import pycolmap
 

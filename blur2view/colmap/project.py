@@ -214,8 +214,24 @@ def camera_of_database(
 ) -> Camera:
     """Return a camera of a COLMAP database: by id, else the image's, else the only one.
 
-    ``image_name`` is the photograph's path; the image whose name it ends with is taken for it. CameraError
-    if the database cannot be read, has no such camera, or leaves the choice open.
+    Parameters
+    ----------
+    path : path
+        The database.
+    camera_id : int, optional
+        COLMAP's number of the camera.
+    image_name : str
+        The photograph's path; the image whose name it ends with is taken for it.
+
+    Returns
+    -------
+    Camera
+        The intrinsics.
+
+    Raises
+    ------
+    CameraError
+        If the database cannot be read, has no such camera, or leaves the choice open.
     """
     path = Path(path)
     try:

@@ -265,9 +265,27 @@ def estimate_frames(
     """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
     Each is what :func:`estimate` returns, and comes when the next frame is there: both neighbours decide the
-    direction (``time``). ``frames``, all of one size, are pictures (H, W, 3) or (H, W) in the order of time,
-    or a video's file; ``timestamps_s`` are their times, for example of `timestamps_of`. ValueError of one
-    photograph, of sizes that differ, or of fewer times than frames; other errors are those of `estimate`.
+    direction (``time``).
+
+    Parameters
+    ----------
+    frames : iterable of ndarray of shape (H, W, 3) or (H, W), or path
+        Pictures of one size in the order of time, or a video's file.
+    timestamps_s : iterable of float, optional
+        Their times in seconds, for example of `timestamps_of`.
+    network, select, options, camera, shutter
+        Those of `estimate`, the same for all frames.
+
+    Returns
+    -------
+    iterator of Estimate
+        One of each frame, in order.
+
+    Raises
+    ------
+    ValueError
+        If ``frames`` is one photograph, sizes differ, or there are fewer times than frames; and all errors of
+        `estimate`.
 
     Examples
     --------

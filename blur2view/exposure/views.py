@@ -76,7 +76,32 @@ class ExposureViews:
 
 
 def views_of(name: str, estimate: Estimate) -> ExposureViews:
-    """Return both virtual images of an estimate, in its order of time; ValueError if its shutter rolls."""
+    """Return both virtual images of an estimate, in its order of time.
+
+    Parameters
+    ----------
+    name : str
+        The photograph's name, as COLMAP has it; the images are called NAME#open and NAME#close.
+    estimate : Estimate
+        The photograph's.
+
+    Returns
+    -------
+    ExposureViews
+        The ends (N, 2), pixels, of its smears at shutter-open and shutter-close, with the geometry.
+
+    Raises
+    ------
+    ValueError
+        If the estimate has a rolling shutter.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> views = blur2view.views_of("sample.jpg", blur2view.estimate("models/sample.jpg"))
+    >>> views.size, views.points_open.shape == views.points_close.shape
+    ((960, 540), True)
+    """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
     matches, geometry, blur = estimate.matches, estimate.geometry, estimate.blur

@@ -86,9 +86,39 @@ def read_video(
 ) -> Iterator[NDArray[np.float32]]:
     """Return an iterator over frames of a video, (H, W, 3), float32 RGB in [0, 1], upright.
 
-    One frame at a time is in memory. ``every`` takes one frame in so many, from the ``first`` to the
-    ``last``, which is included: an integer is the number of a frame, a float seconds. ImageError if the video
-    cannot be read, ends too early or has no frames there.
+    One frame at a time is in memory.
+
+    Parameters
+    ----------
+    path : path
+        The video's file.
+    every : int
+        One frame in so many is taken.
+    first, last : int or float, optional
+        The first and the last frame, which is included: an integer is its number, a float its time in
+        seconds. By default all.
+
+    Returns
+    -------
+    iterator of ndarray of shape (H, W, 3)
+        Frames in the order of time.
+
+    Raises
+    ------
+    ImageError
+        If the video cannot be read, ends too early or has no frames there.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from blur2view import read_video
+    >>> writer = cv2.VideoWriter("clip.avi", cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
+    >>> for grey in range(0, 250, 50):
+    ...     _ = writer.write(np.full((48, 64, 3), grey, np.uint8))
+    >>> writer.release()
+    >>> [frame.shape for frame in read_video("clip.avi", every=2)]
+    [(48, 64, 3), (48, 64, 3), (48, 64, 3)]
     """
     video = Path(path)
     numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)

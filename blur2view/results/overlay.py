@@ -55,11 +55,35 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
 
     Inlier smears are coloured by orientation, outliers grey; smears shorter than their standard deviation are
     not drawn. White lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles,
-    unless a homography explains the smears, too. The panel below holds the verdict of the record, by default
+    unless a homography also explains the smears. The panel below holds the verdict of the record, by default
     that of the estimate.
 
-    ``image`` is the photograph as it was estimated, (H, W, 3) or (H, W). Returns (H', W', 3), uint8 RGB; the
-    photograph's longer side becomes 640 to 1280 pixels. ValueError if the estimate is of another size.
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
+    estimate : Estimate
+        The photograph's.
+    record : Record, optional
+        Its record, from which the panel has the verdict.
+
+    Returns
+    -------
+    ndarray of shape (H', W', 3), uint8
+        RGB; the photograph's longer side becomes 640 to 1280 pixels.
+
+    Raises
+    ------
+    ValueError
+        If the estimate is of a picture of another size.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> image = blur2view.read_image("models/sample.jpg")
+    >>> overlay = blur2view.draw_overlay(image, blur2view.estimate(image))
+    >>> overlay.shape[1:], overlay.dtype
+    ((960, 3), dtype('uint8'))
     """
     if (shape := estimate.grid.shape) != np.shape(image)[:2]:
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")

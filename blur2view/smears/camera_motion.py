@@ -169,10 +169,30 @@ def blur_of(
 ) -> Blur:
     """Return the blur of a photograph, by the cells of its grid and what else is known.
 
-    From an ``image`` it also takes why nothing can be seen. For a grid without kinds of blur the camera is
-    taken to have moved. ``moving`` (h, w) is the share of each cell that moves by itself, by default 0;
-    ``moving_share`` that of the picture, by default the mean of ``moving``; ``camera_moved`` the probability
-    that the camera moved, by default judged by the kinds of the cells.
+    Parameters
+    ----------
+    grid : SmearGrid
+        Its smears, (h, w) cells. Without kinds of blur the camera is taken to have moved.
+    image : ndarray of shape (H, W, 3) or (H, W), optional
+        The photograph, which shows why nothing can be seen, if so.
+    moving : ndarray of shape (h, w), optional
+        Share of each cell that moves by itself, by default 0.
+    camera_moved : float, optional
+        Probability that the camera moved, by default judged by the kinds of the cells.
+    moving_share : float, optional
+        Share of the picture that moves by itself, by default the mean of ``moving``.
+
+    Returns
+    -------
+    Blur
+        Its kind, and the lengths of smear and defocus, pixels.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> grid = blur2view.estimate("models/sample.jpg", geometry=False).grid
+    >>> print(blur2view.blur_of(grid).kind)
+    camera moved
     """
     nothing, movers = "" if image is None else nothing_seen(image, grid), None
     if moving is not None or camera_moved is not None or moving_share is not None:

@@ -194,7 +194,23 @@ MAX_BYTES = 1 << 28  # bound, of a file's arrays; the largest photograph has 12 
 
 
 def load_smears(path: str | Path) -> SmearGrid:
-    """Read the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError of any other file."""
+    """Read the smears of a ``.smear.npz`` file of ``estimate -o``.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    SmearGrid
+        The smears, as ``estimate.grid`` held them, their cells (h, w, 4) to the precision of the file.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be read, or holds anything else.
+    """
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
             if sum(member.file_size for member in arrays.zip.infolist()) > MAX_BYTES:

@@ -107,7 +107,28 @@ class SelectOptions:
 
 
 def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> SmearMatches:
-    """Select cells of a grid as matches, possibly none (a sharp or constant image); deterministic."""
+    """Select cells of a grid as matches, possibly none (a sharp or constant image); deterministic.
+
+    Parameters
+    ----------
+    grid : SmearGrid
+        The smears of a photograph: ``estimate.grid``.
+    options : SelectOptions, optional
+        Which cells are selected.
+
+    Returns
+    -------
+    SmearMatches
+        The ends (N, 2, 2), pixels, of the selected cells' smears, with their standard deviations.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> grid = blur2view.estimate("models/sample.jpg", geometry=False).grid
+    >>> matches = blur2view.select_matches(grid)
+    >>> matches.ends.shape == (len(matches), 2, 2)
+    True
+    """
     require("grid", grid, SmearGrid, "as of network.predict(image)")
     options = options or SelectOptions()
     require("select", options, SelectOptions, "as SelectOptions(beta=0.5)")
