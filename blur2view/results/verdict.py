@@ -110,12 +110,15 @@ def _motion(record: Record, by: str) -> str:
         case Configuration.DEGENERATE:
             return "turned or moved, with the same blur everywhere"
         case Configuration.PANORAMIC:
-            return f"{_turned(record)}{by}"
+            less = (record.rotation_probability or 0.0) < (record.parallax_probability or 0.0)
+            return f"{_turned(record)}{by} or moved" if less else f"{_turned(record)}{by}"
         case Configuration.PLANAR_OR_PANORAMIC:
             return f"turned{by} or moved past something flat"
     if record.cam2_from_cam1 is not None:
-        turned = f", turned{by}" if by else ""
-        return f"moved {_towards(record)}{turned}"
+        towards = _towards(record)
+        if not towards:
+            return f"turned{by} and moved, in an unknown direction" if by else "moved in an unknown direction"
+        return f"moved {towards}, turned{by}" if by else f"moved {towards}"
     if record.config != Configuration.PLANAR:
         return "moved past near and far things"
     if not undecided:
@@ -146,10 +149,10 @@ def _turned_by(record: Record) -> str:
 
 
 def _towards(record: Record) -> str:
-    """Return the direction of a translation with its error, the same for both orders in time."""
+    """Return the direction of a translation with its error, in both orders in time; "" if unknown."""
     x, y, z = record.cam2_from_cam1["translation"] if record.cam2_from_cam1 else (0.0, 0.0, 0.0)
     if not (x or y or z):
-        return "(direction unknown)"
+        return ""
     sigma = ""
     if record.pose_covariance is not None:
         sigma = f" (+/- {record.pose_covariance['translation_sigma_deg']:.0f} degrees)"

@@ -12,6 +12,7 @@ from blur2view.results.verdict import use_of
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 MOVED = Record(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
 SMEARS = "; smears of 9.0 px"
+PARALLAX = {"model": "parallax", "parameters": 10, "log_likelihood": 0.0, "probability": 0.6}
 
 
 def moved(config: str, parallax: str = "absent", **more: Any) -> Record:
@@ -34,6 +35,10 @@ CASES = {
     f"Camera moved, and too little of the picture shows how{SMEARS}": moved("DEGENERATE", "undecided"),
     f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=H, direction_deg=172.0),
     f"Camera rolled{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H),
+    f"Camera rolled or moved{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H, models=[PARALLAX]),
+    f"Camera turned by 4.8 +/- 0.3 degrees and moved, in an unknown direction{SMEARS}": posed(
+        "PLANAR", [0.0, 0.0, 0.0], H=H
+    ),
     f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed("CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma=0.09),
     f"Camera turned sideways at 2.1 +/- 0.1 rad/s{SMEARS}": posed(
         "PANORAMIC", [0.0, 0, 0], 0.13, wy=2.094, H=H, direction_deg=172.0, exposure_s=0.04
