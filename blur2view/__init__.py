@@ -40,7 +40,7 @@ import zlib  # noqa: F401  or else pycolmap's own comes first, and the first PNG
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 with open(f"{__file__}i", encoding="utf-8") as _stub:  # __init__.pyi
     _MODULE_OF = {line.split()[-1]: line.split()[1] for line in _stub if line.startswith("from ")}
