@@ -29,9 +29,9 @@ reconstruction.json, work: by which the same call goes on where one was ended; a
     there is kept
 """
 REMEDIES = {
-    "too few points": "it shows little of what its neighbours show; add --frames",
-    "fewer than two": "it is far from all registered frames; add --frames or --all-frames",
-    "its pose": "look at it in the report; --frames gives it nearer neighbours",
+    "too few points": "it shows little of what its neighbours show; --all-frames gives it nearer ones",
+    "fewer than two": "it is far from all registered frames; --all-frames gives it nearer ones",
+    "its pose": "look at it in the report; --all-frames gives it nearer neighbours",
 }
 
 
@@ -133,5 +133,5 @@ def table_of(made: "Reconstruction", *, verbose: bool = False) -> Iterator[str]:
         yield f"  refused, {printable(why)}: {listed}{more}{remedy}"
     if made.other_models:
         others = ", ".join(map(str, made.other_models))
-        yield f"  COLMAP also made separate models of {others} frames, which do not connect; add --frames"
+        yield f"  COLMAP also made separate models of {others} frames, which do not connect"
     yield f"{printable(str(made.folder))}: {plural(len(posed), 'frame')} with a pose; see report.html"

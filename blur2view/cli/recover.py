@@ -66,7 +66,11 @@ class RecoverOptions:
         (default: one per core)""")
     printing: Printing = Printing()
 
-    examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")
+    examples = (
+        "blur2view recover model frames -o all_frames",
+        "blur2view recover model frames --views -o with_views",
+        "blur2view to-transforms with_views",
+    )
     tables = {"what is written": WRITTEN, "where every frame is blurred": EVERY_FRAME_BLURRED}
 
     def execute(self) -> int:

@@ -77,7 +77,7 @@ def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> li
         else:
             photographs.append(Exposed(images[name], (), None))
     if not any(photograph.views for photograph in photographs):
-        remedy = f"NAME{OPEN} and NAME{CLOSE}; put them there with blur2view place"
+        remedy = f"NAME{OPEN} and NAME{CLOSE}; put them there with blur2view place or recover --views"
         raise DatabaseError(f"{folder}: no photograph has both its views, {remedy}")
     if np.isinf(max_smear_px):
         return photographs
