@@ -25,7 +25,7 @@ from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.models import ids_of, read_model, write_model
 from blur2view.colmap.recovery import recovery_of
 from blur2view.colmap.recovery_run import Notes, recover_all
-from blur2view.errors import DatabaseError, ImageError
+from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.files import file_digest, writable_folder, write_beside, write_file
 from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source
@@ -146,6 +146,8 @@ def reconstruct(
         If the video cannot be read.
     """
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
+    if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
+        raise OutputError(f"{folder}: lies in the folder of the frames; name another one with -o")
     listed = dict(sources_of(video))
     writable_folder(folder)
     with step("reading the video"):

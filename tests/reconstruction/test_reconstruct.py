@@ -89,6 +89,12 @@ def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
         Scene(tmp_path / "scene", "another")
 
 
+def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="lies in the folder of the frames"):
+        reconstruct(tmp_path, tmp_path / "scene")
+    assert not (tmp_path / "scene").exists()
+
+
 def test_options_that_smears_do_not_support_are_refused() -> None:
     with pytest.raises(ValueError, match="camera model"):
         ReconstructionOptions(camera_model="OPENCV_FISHEYE")
