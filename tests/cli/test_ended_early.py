@@ -101,7 +101,7 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
 @SIGNALS
 @pytest.mark.slow
 def test_interrupt_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 60, (320, 400))  # more than a busy machine does before it looks
+    write_photographs(tmp_path / "in", 120, (320, 400))  # more than a busy machine does before it looks
     words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
     running = start("estimate", *words)
     wait_for(running, tmp_path / "out", 4)
