@@ -14,7 +14,7 @@ import sys
 import textwrap
 from argparse import ArgumentTypeError, BooleanOptionalAction
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -105,7 +105,29 @@ focal_px = quantity(
     px=1,
 )
 radius = quantity("pixels above 0, as 2", lambda value, _: value, px=1)
-length = quantity("pixels, as 3", px=1)
+
+
+@dataclass(frozen=True)
+class Length:
+    """A length in a photograph."""
+
+    value: float
+    of_width: bool = False  # per cent of the photograph's width, otherwise pixels
+
+    def px(self, width: int) -> float:
+        """Return the length in pixels, in a photograph of this width."""
+        return self.value / 100 * width if self.of_width else self.value
+
+    def __str__(self) -> str:
+        """Return it as the user states it."""
+        return f"{self.value:g}{'%' if self.of_width else ''}"
+
+
+def length(text: str) -> Length:
+    """Return a length in pixels, or as 0.3% of the width; 0 is one."""
+    expected = "pixels as 3, or per cent of the width as 0.3%"
+    value = quantity(expected, lambda *_: True, **{"px": 1.0, "%": 1.0})(text)
+    return Length(value, of_width=text.endswith("%"))
 
 
 def frame_or_seconds(text: str) -> int | float:

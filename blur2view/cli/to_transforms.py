@@ -10,13 +10,13 @@ from typing import Annotated, Any
 
 from blur2view import __version__
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import exposure_s, one_of, option, radius, required
+from blur2view.cli.parser import Length, exposure_s, length, one_of, option, required
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths, storable
-from blur2view.errors import OutputError
+from blur2view.errors import DatabaseError, OutputError
 from blur2view.files import check_file, open_picture, open_regular, writable_folder, write_beside
 from blur2view.images.image import RAW_SUFFIXES, read_orientation
 from blur2view.images.pixels import stored_from_upright
@@ -60,8 +60,9 @@ class ToTransformsOptions:
     )
     masks: Path | None = option("""--masks-from DIR: results of blur2view segment of these photographs, whose
         masks are put where the trainer reads them""")
-    max_smear: Annotated[float | None, radius] = option("""--max-smear PX: leave out photographs whose smear
-        is longer, in pixels, or unknown (default: keep all); a sharp one has none""")
+    max_smear: Annotated[Length | None, length] = option("""--max-smear PX: leave out photographs whose smear
+        is longer, in pixels or as 0.3%% of the width, or unknown (default: keep all); a sharp one
+        has none""")
     output: Path = option(
         """-o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call
         is replaced""",
@@ -95,7 +96,7 @@ class ToTransformsOptions:
             writable_folder(beside)
         with waiting(f"reading {self.model}", hidden=self.printing.quiet):
             model = read_model(self.model)
-        listed = transforms.exposed_images(model, self.model, self.max_smear or float("inf"))
+        listed = self._short_enough(model, transforms.exposed_images(model, self.model))
         photographs = [photograph for photograph in listed if (images / photograph.image.name).is_file()]
         if not photographs:
             missing = images / listed[0].image.name
@@ -114,6 +115,21 @@ class ToTransformsOptions:
         if not self.printing.quiet:
             print(f"{printable(str(self.output))}: wrote {line}")
         return 0
+
+    def _short_enough(self, model: Any, photographs: Photographs) -> Photographs:
+        """Return the photographs with smears up to ``--max-smear``; DatabaseError if there is none."""
+        if (limit := self.max_smear) is None:
+            return photographs
+        kept = [
+            photograph
+            for photograph in photographs
+            if photograph.smear_px is not None
+            and photograph.smear_px <= limit.px(model.cameras[photograph.image.camera_id].width)
+        ]
+        if not kept:
+            unit = "of the width" if limit.of_width else "px"
+            raise DatabaseError(f"{self.model}: all smears are longer than {limit} {unit}; raise --max-smear")
+        return kept
 
 
 def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tuple[int, int]]:

@@ -14,7 +14,7 @@ import numpy as np
 from blur2view.cli.choosing import candidates
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
-from blur2view.cli.parser import flag, length, neighbours, option, radius
+from blur2view.cli.parser import Length, flag, length, neighbours, option, radius
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
@@ -73,10 +73,10 @@ class TriageOptions(Command):
         width of all of the blur; of frames of videos the sharpest of each of N equal parts""")
     every_best: Annotated[float | None, neighbours] = option("""--every-best N: keep the sharpest of every N
         neighbours, or as 0.5s of every so many seconds of a video""")
-    max_smear: Annotated[float, length] = option(
-        """--max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to
-        which half of its SIFT features are still matched)""",
-        MAX_SMEAR_PX,
+    max_smear: Annotated[Length, length] = option(
+        """--max-smear PX: the longest smear of a sharp photograph, in pixels or as 0.3%% of its width
+        (default: %(default)s, up to which half of its SIFT features are still matched)""",
+        Length(MAX_SMEAR_PX),
     )
     max_defocus: Annotated[float, radius] = option(
         """--max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default:
@@ -135,7 +135,7 @@ class TriageOptions(Command):
         if said and self._compares_gradients:
             said += f" of {len(run.jobs)}"
         if said and not kept:
-            limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
+            limits = f"--max-smear is {self.max_smear}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             said = f"none is kept: {remedy}"
         reasons = Counter(outcome.record.nothing_seen for _, outcome in run.outcomes)
@@ -205,7 +205,7 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     """
     file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred)
     record = file.record() if options.blurred else file.record().without_geometry()
-    record = record.with_use(options.max_smear, options.max_defocus).without_geometry()
+    record = record.with_use(options.max_smear.px(record.width or 0), options.max_defocus).without_geometry()
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
     return Outcome(record=record, summary=verdict_line(record) + used)
 

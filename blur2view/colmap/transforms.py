@@ -58,11 +58,11 @@ class Exposed(NamedTuple):
     smear_px: float | None  # length of its smear; None if unknown
 
 
-def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[Exposed]:
-    """Return the photographs, by name, of a folder's pycolmap.Reconstruction with smears up to a length.
+def exposed_images(model: Any, folder: Path) -> list[Exposed]:
+    """Return the photographs, by name, of a folder's pycolmap.Reconstruction.
 
     Lengths are those of the database that the model names, else medians over the points that a photograph
-    observes. DatabaseError if no photograph is left or has both views, or a name leads out of the folder of
+    observes. DatabaseError if no photograph has both views, or a name leads out of the folder of
     photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
@@ -79,12 +79,7 @@ def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> li
     if not any(photograph.views for photograph in photographs):
         remedy = f"NAME{OPEN} and NAME{CLOSE}; put them there with blur2view place or recover --views"
         raise DatabaseError(f"{folder}: no photograph has both its views, {remedy}")
-    if np.isinf(max_smear_px):
-        return photographs
-    kept = [photo for photo in photographs if photo.smear_px is not None and photo.smear_px <= max_smear_px]
-    if not kept:
-        raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; raise --max-smear")
-    return kept
+    return photographs
 
 
 def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:

@@ -194,6 +194,8 @@ def test_long_smears_are_left_out_and_photographs_that_are_not_there_counted(sce
         1 / one["sharpness"] - 1 for one in json.loads((scene / "few.json").read_text())["frames"]
     )
     assert " 1 frame\n" in call(*words, "--max-smear", f"{(smears[0] + smears[1]) / 2:.6f}").out
+    width = json.loads((scene / "few.json").read_text())["w"]
+    assert " 2 frames\n" in call(*words, "--max-smear", f"{50 * (smears[1] + smears[2]) / width:.6f}%").out
     refused = call(*words, "--max-smear", 0.1)
     assert refused == 1 and "all smears are longer than 0.1 px; raise --max-smear" in refused.line
     min((scene / "images").iterdir()).unlink()

@@ -33,7 +33,12 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
     assert "none is kept: --max-smear is 3, --max-defocus 2; --blurred " in last
     assert call("triage", *words, "--keep", keep, "--max-smear", 100) == 0
-    assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
+    everything = "chaos.png\nleft/moving.png\nstill.png\n"
+    assert keep.read_text() == everything
+    assert call("triage", *words, "--keep", keep, "--max-smear", "0.1%") == 0  # of 640 pixels
+    assert keep.read_text() == "still.png\n"
+    assert call("triage", *words, "--keep", keep, "--max-smear", "20%") == 0
+    assert keep.read_text() == everything
     geometric = call("triage", *words, "--keep", keep, "--blurred")
     assert geometric == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in geometric.out
     assert keep.read_text() == "left/moving.png\nstill.png\n"
