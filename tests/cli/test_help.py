@@ -79,7 +79,7 @@ def test_short_help_names_only_options_that_it_lists_in_one_piece_with_their_def
     assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", text)) - others <= listed <= options | {"-o"}
     assert "see below" not in text and "see --help-all" not in text
     if command == "triage":
-        assert "(default: 3.0)" in text
+        assert "(default: 3)" in text
 
 
 def test_each_command_has_its_own_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
