@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pycolmap
 import pytest
+from PIL import Image
 
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from tests.support.blurred_plane import BlurredPlane
@@ -36,6 +37,18 @@ def test_every_frame_is_counted_and_written(
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
     onward = call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json")
     assert onward == 0
+
+
+def test_a_frame_with_alpha_is_recovered(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "frames").mkdir()
+    for path in (video / "frames").iterdir():
+        Image.open(path).convert("RGBA").save(tmp_path / "frames" / path.name)
+    done = call_program(
+        capsys, "recover", video / "model", tmp_path / "frames", "-o", tmp_path / "all", "--jobs", 1
+    )
+    assert done == 0 and done.out.rstrip().endswith("6 registered, 1 recovered, 0 refused")
 
 
 def test_ctrl_c_writes_what_is_recovered_and_the_same_call_goes_on(
