@@ -21,6 +21,7 @@ from typing import Any
 from blur2view import __version__
 from blur2view.camera import Camera
 from blur2view.colmap import transforms
+from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.models import ids_of, read_model, write_model
 from blur2view.colmap.recovery import recovery_of
@@ -215,7 +216,7 @@ def reconstruct(
         return REPORT
 
     scene.step("report", [REPORT], write_report)
-    for rest in ("models", MASKS):
+    for rest in ("models", "stretched", MASKS):
         shutil.rmtree(work / rest, ignore_errors=True)
     for database in work.glob("matches_*.db"):
         database.unlink()
@@ -263,7 +264,8 @@ def _map(
     for blurred in (False, True):
         database = work / f"matches_{blurred:d}.db"
         with step("finding and matching features" + (" of blurred frames" if blurred else "")):
-            mapping.match(database, images, names, camera=options.for_colmap, blurred=blurred)
+            readable = _stretched(images, work / "stretched", names) if blurred else images
+            mapping.match(database, readable, names, camera=options.for_colmap, blurred=blurred)
         with step("mapping"):
             shutil.rmtree(work / "models", ignore_errors=True)
             there = work / "models"
@@ -281,6 +283,12 @@ def _map(
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
     return {"others": [model.num_reg_images() for model in models[1:]]}
+
+
+def _stretched(images: Path, copies: Path, names: Sequence[str]) -> Path:
+    """Return where COLMAP finds features: in copies if the contrast of any frame is stretched there."""
+    shutil.rmtree(copies, ignore_errors=True)
+    return copies if write_stretched(images, copies, names) else images
 
 
 def _recover(

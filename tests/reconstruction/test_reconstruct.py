@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
-from blur2view.errors import ImageError, OutputError
+from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.images.image import read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import SmearNetwork
@@ -28,6 +29,7 @@ from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.reconstruct import (
     Reconstruction,
     ReconstructionOptions,
+    _map,
     _write_transforms,
     reconstruct,
 )
@@ -114,6 +116,24 @@ def test_a_camera_that_stands_still_is_named(tmp_path: Path, capsys: pytest.Capt
     mapped = call_program(capsys, "reconstruct", tmp_path / "frames", "-o", tmp_path / "scene")
     assert mapped == 1 and "COLMAP makes no model of 3 frames: " in mapped.err
     assert not (tmp_path / "scene" / "transforms.json").exists()
+
+
+def test_features_of_dull_frames_are_found_in_stretched_copies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "images").mkdir()
+    dull = 60 + PLANE.render(0) // 4
+    cv2.imwrite(str(tmp_path / "images" / "f.png"), dull)
+    contrast = []
+
+    def match(database: Path, images: Path, names: list[str], **given: Any) -> None:
+        contrast.append(read_picture(images / names[0]).pixels.std())
+
+    monkeypatch.setattr(mapping, "match", match)
+    monkeypatch.setattr(mapping, "mapped", lambda *given, **options: [])
+    with pytest.raises(DatabaseError, match="no model of 1 frames"):
+        _map(tmp_path, ["f.png"], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None))
+    assert contrast[0] == pytest.approx(dull.std()) and contrast[1] > 1.5 * contrast[0]
 
 
 def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
