@@ -29,7 +29,8 @@ CLAIMED = 0.65  # 68 % point of errors that are not outliers, over stated standa
 WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
-SAMPSON_SHARE = 0.5**0.5  # error of the Sampson distance of a smear's two ends over that across the smear
+# The Sampson distance of a smear over its error across, because each end is off by half of it; and back.
+SAMPSON_SHARE, ACROSS_SHARE = 0.5**0.5, 2**0.5
 
 
 @dataclass(frozen=True, kw_only=True)

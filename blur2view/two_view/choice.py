@@ -21,7 +21,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import FieldLikelihood, HomographyFit, find_plane, fit_homography
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import HomographyFlow
 
 
@@ -47,7 +47,7 @@ class Candidate(NamedTuple):
 
 
 def choose(
-    likelihood: Likelihood, fit: FundamentalFit, *, agreement: float, rolling: bool, moved: bool = False
+    smears: NormalisedSmears, fit: FundamentalFit, *, agreement: float, rolling: bool, moved: bool = False
 ) -> Choice:
     """Choose a model, given the F of least cost.
 
@@ -56,10 +56,10 @@ def choose(
     to have ``moved``, the model "no motion" is left out.
     """
     has_consensus = agreement >= c.MIN_AGREEMENT
-    if not has_consensus and not moved and within_errors(likelihood.matches):
+    if not has_consensus and not moved and within_errors(smears.matches):
         return Choice(config=Configuration.DEGENERATE, refusal=Refusal(cause=Cause.WITHIN_ERRORS))
-    sample = likelihood.thinned(c.SAMPLE)
-    residuals = FundamentalFit(point=fit.point, likelihood=sample, sign=fit.sign).residuals
+    sample = smears.thinned(c.SAMPLE)
+    residuals = FundamentalFit(point=fit.point, smears=sample, sign=fit.sign).residuals
     orders = residuals.backward, residuals.forward_share < 0.5  # by F, and by depth as well
     plane = find_plane(FieldLikelihood(smears=sample), fit.point.motion()[0], *orders)
     candidates = fields_about(plane, rolling=rolling)
@@ -111,15 +111,15 @@ def parameters_and_penalty(candidate: Candidate) -> tuple[int, float]:
     return parameters + added_parameters, penalty + added_penalty
 
 
-def probabilities_of(candidates: list[Candidate], likelihood: Likelihood) -> list[float]:
+def probabilities_of(candidates: list[Candidate], smears: NormalisedSmears) -> list[float]:
     """Return the models' probabilities: the one calibrated step, the same for all photographs.
 
     Errors that neighbours share look like fields and like parallax, so log-likelihoods count as many smears
     as are independent after all correlation. From them are taken a penalty of the model and that of Schwarz's
     criterion: half the logarithm of the number of smears for every parameter.
     """
-    correlated = likelihood.fully_correlated
-    slope = correlated.effective_share / likelihood.effective_share
+    correlated = smears.fully_correlated
+    slope = correlated.effective_share / smears.effective_share
     by_parameter = 0.5 * float(np.log(max(correlated.effective_count / c.PENALTY_COUNT, 1.0)))
     scores = []
     for candidate in candidates:

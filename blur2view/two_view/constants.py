@@ -6,6 +6,8 @@ KINDS, rendered photographs of known motion (`python -m tools.datasets.testset O
 photographs. "Bound": any number nearby would do.
 """
 
+from blur2view.geometry.configuration import MotionModel
+
 # The camera that is assumed.
 BEHIND = 0.2  # probability that noise puts a point behind a camera that is before it: bound
 # Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
@@ -84,10 +86,10 @@ MIN_ON_PLANE = 0.4  # share of the smears on it without which parallax is not ca
 # the same beside any field: smears that were bent down the rows by 5 to 40 % ask for 2.5 and 2.7. In that is
 # log 2, as rows are rows or, of a picture that was turned upright, columns.
 MODELS = {  # parameters, and penalty beside Schwarz's
-    "no motion": (0, 0.0),
-    "rotation": (3, 0.0),
-    "plane": (8, 2.7),
-    "parallax": (10, 3.7),
+    MotionModel.STILL: (0, 0.0),
+    MotionModel.ROTATION: (3, 0.0),
+    MotionModel.PLANE: (8, 2.7),
+    MotionModel.PARALLAX: (10, 3.7),
 }
 ROLLING = 3, 3.0  # parameters and penalty that a rolling shutter adds to a model
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, of the photographs that these fit

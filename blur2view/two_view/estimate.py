@@ -15,11 +15,12 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import SAMPSON_SHARE
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import choose
 from blur2view.two_view.fundamental import search_and_fit
 from blur2view.two_view.homography import HomographyFit
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import cayley
 from blur2view.two_view.order import in_order
 from blur2view.two_view.pose import estimate_pose
@@ -161,37 +162,37 @@ def as_recorded(
     if (refusal := refused(matches)) is not None:
         return no_geometry(matches, refusal)
     straight = matches if camera is None else undistorted(matches, camera)
-    likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
-    F = denormalise(fit.point.matrix(), likelihood.T)
-    inliers, by_chance = inliers_of(F, likelihood, options)
+    smears, fit = search_and_fit(NormalisedSmears.of(straight, camera), rng)
+    F = denormalise(fit.point.matrix(), smears.T)
+    inliers, by_chance = inliers_of(F, smears, options)
     support = Support(num_inliers=int(inliers.sum()), count=len(inliers), by_chance=by_chance)
-    choice = choose(likelihood, fit, agreement=support.agreement, rolling=rolling, moved=moved)
+    choice = choose(smears, fit, agreement=support.agreement, rolling=rolling, moved=moved)
     field, pose = choice.homography, None
-    if likelihood.lens_sigma == (0.0, 0.0) and (choice.reports_F or field is not None):
-        pose = estimate_pose(likelihood, fit, choice)
-        F = F if pose.E is None else denormalise(pose.E, likelihood.T)
+    if smears.lens_sigma == (0.0, 0.0) and (choice.reports_F or field is not None):
+        pose = estimate_pose(smears, fit, choice)
+        F = F if pose.E is None else denormalise(pose.E, smears.T)
     model = F if choice.reports_F else field
-    inliers, by_chance = np.zeros(len(likelihood), bool), 0.0
+    inliers, by_chance = np.zeros(len(smears), bool), 0.0
     if model is not None:
-        inliers, by_chance = inliers_of(model, likelihood, options)
+        inliers, by_chance = inliers_of(model, smears, options)
     H = None
     if field is not None:
-        mapped = cayley(field.family.generator()) @ likelihood.T
-        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, mapped), float))
+        mapped = cayley(field.family.generator()) @ smears.T
+        H = unit_norm(np.asarray(np.linalg.solve(smears.T, mapped), float))
     proven = choice.config is Configuration.UNCALIBRATED
     geometry = TwoViewGeometry(
         F=F if choice.reports_F else None,
         H=H,
         config=Configuration.CALIBRATED if proven and pose is not None else choice.config,
         inlier_mask=inliers,
-        second_end_is_open=np.zeros(len(likelihood), bool),
+        second_end_is_open=np.zeros(len(smears), bool),
         cam2_from_cam1=None if pose is None else pose.cam2_from_cam1,
         covariance=None if pose is None else pose.covariance,
         refusal=choice.refusal,
         support=support,
         few_follow_F=choice.few_follow_F,
         models=choice.models,
-        independent_smears=likelihood.effective_count,
+        independent_smears=smears.effective_count,
         support_by_chance=by_chance,
     )
     return in_order(geometry, matches, camera)
@@ -243,7 +244,7 @@ def coverage(matches: SmearMatches) -> float:
 
 
 def inliers_of(
-    model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions
+    model: Array | HomographyFit, smears: NormalisedSmears, options: EstimatorOptions
 ) -> tuple[NDArray[np.bool_], float]:
     """Return the inliers (N,) of F (3, 3) in pixels or of a displacement field, and the share by chance.
 
@@ -251,16 +252,16 @@ def inliers_of(
     turned to evenly spread directions.
     """
     of_field = isinstance(model, HomographyFit)
-    sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
-    tolerance = options.tolerance_px(likelihood.matches.length_px, sigma_px)
+    sigma_px = SAMPSON_SHARE * np.hypot(*smears.field_sigmas_px) if of_field else smears.sigma_px
+    tolerance = options.tolerance_px(smears.matches.length_px, sigma_px)
 
-    def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
+    def fitting(smears: NormalisedSmears) -> NDArray[np.bool_]:
         if isinstance(model, HomographyFit):
-            return model.distances_px(likelihood) < tolerance
-        return np.asarray(np.sqrt(serrmin(model, likelihood.matches.ends)) < tolerance)
+            return model.distances_px(smears) < tolerance
+        return np.asarray(np.sqrt(serrmin(model, smears.matches.ends)) < tolerance)
 
-    scattered = replace(likelihood, matches=in_spread_directions(likelihood.matches))
-    return fitting(likelihood), float(fitting(scattered).mean())
+    scattered = replace(smears, matches=in_spread_directions(smears.matches))
+    return fitting(smears), float(fitting(scattered).mean())
 
 
 def in_spread_directions(matches: SmearMatches) -> SmearMatches:

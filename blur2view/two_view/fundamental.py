@@ -21,7 +21,7 @@ from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous, 
 from blur2view.geometry.pose import half_sphere, rotation_flow, rotation_matrix
 from blur2view.two_view import constants as c
 from blur2view.two_view.least_squares import last_of, least_of, levenberg_marquardt, reweighted_motion
-from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
+from blur2view.two_view.likelihood import NormalisedSmears, OrderedResiduals
 from blur2view.two_view.models import UNROTATED, FundamentalManifold
 from blur2view.two_view.ransac import ransac
 
@@ -42,36 +42,36 @@ class FundamentalFit:
     """
 
     point: FundamentalManifold
-    likelihood: Likelihood
+    smears: NormalisedSmears
     sign: float = 0.0
 
     @classmethod
-    def likelier(cls, point: FundamentalManifold, likelihood: Likelihood) -> FundamentalFit:
+    def likelier(cls, point: FundamentalManifold, smears: NormalisedSmears) -> FundamentalFit:
         """Return the fit at a point with the sign of the translation of lower cost."""
-        both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
+        both = (cls(point=point, smears=smears, sign=sign) for sign in (1.0, -1.0))
         return min(both, key=lambda fit: fit.cost)
 
     @cached_property
     def residuals(self) -> OrderedResiduals:
         """Residuals in both orders, with the prior probability of the orders."""
-        plain = self.likelihood.residuals(self.point.matrix())
+        plain = self.smears.residuals(self.point.matrix())
         if not self.sign:
             return plain.decided()
-        return replace(plain, order_prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
+        return replace(plain, order_prior=self.smears.order_odds(*self.point.motion(), self.sign))
 
     @cached_property
     def cost(self) -> float:
         """Twice the negative log-posterior."""
         prior_residuals, _ = self.point.prior_residuals()
         data = self.residuals.costs.sum()
-        return float(self.likelihood.effective_share * data + prior_residuals @ prior_residuals)
+        return float(self.smears.effective_share * data + prior_residuals @ prior_residuals)
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (8, 8) and J^T W r (8,) of both orders of all smears and of the prior."""
-        likelihood, residuals = self.likelihood, self.residuals
-        weight = np.sqrt(likelihood.effective_share * residuals.weights)
+        smears, residuals = self.smears, self.residuals
+        weight = np.sqrt(smears.effective_share * residuals.weights)
         F, tangents = self.point.matrix(), self.point.tangent()
-        jacobian = likelihood.products.derivatives(F, tangents, residuals.both, residuals.root)
+        jacobian = smears.products.derivatives(F, tangents, residuals.both, residuals.root)
         jacobian *= weight
         jacobian = jacobian.reshape(len(jacobian), -1)
         prior_residuals, prior_jacobian = self.point.prior_residuals()
@@ -84,9 +84,9 @@ class FundamentalFit:
         return replace(self, point=self.point.step(delta))
 
 
-def fit_best(starts: Sequence[FundamentalManifold], likelihood: Likelihood) -> FundamentalFit:
+def fit_best(starts: Sequence[FundamentalManifold], smears: NormalisedSmears) -> FundamentalFit:
     """Return the fit of least cost from several starts, which race (`least_of`)."""
-    fits = [FundamentalFit.likelier(start, likelihood) for start in starts]
+    fits = [FundamentalFit.likelier(start, smears) for start in starts]
     return least_of(fits, c.STARTERS, c.STEPS, c.TOLERANCE, c.MIN_STEP)
 
 
@@ -94,30 +94,30 @@ def fit_best(starts: Sequence[FundamentalManifold], likelihood: Likelihood) -> F
 class SmearEstimator:
     """F (3, 3) of normalised coordinates from three smears and a grid of directions: a `ransac.Estimator`."""
 
-    likelihood: Likelihood
+    smears: NormalisedSmears
     sample_size: ClassVar[int] = 3  # with a direction of translation
 
     @property
     def count(self) -> int:
         """Number of smears."""
-        return len(self.likelihood)
+        return len(self.smears)
 
     @cached_property
     def products(self) -> EndProducts:
         """Products of the ends' coordinates in single precision, for SErrMin of many models at once."""
-        return EndProducts(self.likelihood.ends, self.likelihood.sigma, np.float32)
+        return EndProducts(self.smears.ends, self.smears.sigma, np.float32)
 
     @cached_property
     def quality(self) -> Array:
         """Probabilities (N,) of being drawn: length over standard deviation, squared."""
-        weights = (self.likelihood.matches.length_px / self.likelihood.sigma_px) ** 2 + TINY
+        weights = (self.smears.matches.length_px / self.smears.sigma_px) ** 2 + TINY
         return np.asarray(weights / weights.sum())
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
         three = rng.choice(self.count, (samples, self.sample_size), p=self.quality)
-        limit = 3 * self.likelihood.prior_sigma[:3]
-        return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.SEARCH_DIRECTIONS), limit)
+        limit = 3 * self.smears.prior_sigma[:3]
+        return small_rotation_hypotheses(self.smears.ends[three], half_sphere(c.SEARCH_DIRECTIONS), limit)
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC's cost (M,): SErrMin in squared standard deviations, cut at CUTOFF squared."""
@@ -125,17 +125,17 @@ class SmearEstimator:
 
     def refine(self, model: Array) -> Array:
         """Return F (3, 3) after a few steps, first with larger standard deviations, as it is approximate."""
-        some = self.likelihood.thinned(c.ROUGH_COUNT)
-        for likelihood in (some.rescaled(c.WIDE), some):
-            start = FundamentalManifold.from_matrix(model, likelihood.prior_sigma)
-            problem = FundamentalFit(point=start, likelihood=likelihood)
+        some = self.smears.thinned(c.ROUGH_COUNT)
+        for smears in (some.rescaled(c.WIDE), some):
+            start = FundamentalManifold.from_matrix(model, smears.prior_sigma)
+            problem = FundamentalFit(point=start, smears=smears)
             reached = last_of(levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE))
             model = reached.point.matrix()
         return model
 
     def inlier_share(self, model: Array) -> float:
         """Return the share of smears within CUTOFF, by chance or not."""
-        return float((self.likelihood.residuals(model).least < c.CUTOFF).mean())
+        return float((self.smears.residuals(model).least < c.CUTOFF).mean())
 
 
 def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
@@ -176,7 +176,7 @@ class DirectionLikelihood:
     Coordinates are those of a camera with K = identity; its smears count with all of their correlation.
     """
 
-    likelihood: Likelihood
+    smears: NormalisedSmears
 
     def at(self, directions: Array) -> tuple[Array, Array, Array]:
         """Return the best rotation vectors (G, 3) for directions (G, 3), their costs, and the smears' orders.
@@ -184,7 +184,7 @@ class DirectionLikelihood:
         Costs (G,) are twice the negative log-posterior; orders (G, N) are 1 where ends[:, 0] is the open end,
         else -1.
         """
-        some = self.likelihood.thinned(c.GRID_SMEARS)
+        some = self.smears.thinned(c.GRID_SMEARS)
         middle, displacement = some.middle.astype(np.float32), some.displacement.astype(np.float32)
         length = np.maximum(np.hypot(*displacement.T), MIN_LENGTH)
         unit, flow = displacement.T / length, rotation_flow(middle) / length
@@ -200,7 +200,7 @@ class DirectionLikelihood:
         )
         data = (c.FREEDOM + 1) * np.log1p((missed / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
         prior_cost = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
-        return rotations.astype(float), self.likelihood.effective_count * data + prior_cost, outwards
+        return rotations.astype(float), self.smears.effective_count * data + prior_cost, outwards
 
     @cached_property
     def grid(self) -> tuple[Array, Array, Array, Array]:
@@ -223,22 +223,24 @@ class DirectionLikelihood:
         return [(rotations[index], directions[index]) for index in kept]
 
 
-def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:
-    """Return F, fitted after a robust search, and the likelihood with noise as the residuals of F show it.
+def search_and_fit(
+    smears: NormalisedSmears, rng: np.random.Generator
+) -> tuple[NormalisedSmears, FundamentalFit]:
+    """Return F, fitted after a robust search, and the smears with noise as the residuals of F show it.
 
     F starts from the search, from a pure translation and, where many smears are independent, from the
     likeliest directions of translation: without these 3 of 46 scenes of exact smears end in another minimum.
     """
-    estimator = SmearEstimator(likelihood=likelihood)
+    estimator = SmearEstimator(smears=smears)
     searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
     starts = [simple] if searched is None else [searched, simple]
-    if likelihood.has_many_independent:
-        grid = DirectionLikelihood(likelihood=likelihood.fully_correlated)
+    if smears.has_many_independent:
+        grid = DirectionLikelihood(smears=smears.fully_correlated)
         starts += [cross_matrix(t) @ rotation_matrix(w) for w, t in grid.likeliest(c.GRID_STARTS)]
-    rough = with_measured_noise(likelihood.thinned(c.ROUGH_COUNT), starts[0])  # as the search's F has it
-    points = [FundamentalManifold.from_matrix(F, likelihood.prior_sigma) for F in starts]
+    rough = with_measured_noise(smears.thinned(c.ROUGH_COUNT), starts[0])  # as the search's F has it
+    points = [FundamentalManifold.from_matrix(F, smears.prior_sigma) for F in starts]
     point = fit_best(points, rough).point
-    measured = with_measured_noise(likelihood, point.matrix())  # as the fitted F has it
+    measured = with_measured_noise(smears, point.matrix())  # as the fitted F has it
     return measured, fit_best([point], measured)
 
 
@@ -247,28 +249,28 @@ def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> Fund
 
     It starts at the best of the points e, unit homogeneous, where the lines of two smears meet.
     """
-    some, ends = estimator.likelihood.thinned(c.ROUGH_COUNT), estimator.likelihood.ends
+    some, ends = estimator.smears.thinned(c.ROUGH_COUNT), estimator.smears.ends
     pairs = ends[rng.choice(estimator.count, (c.PAIRS, 2), p=estimator.quality)]
     lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
     points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
     norm = np.linalg.norm(points, axis=1, keepdims=True)
     points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]  # both lines may be one
-    costs = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
+    costs = SmearEstimator(smears=some).score(cross_matrix(points), np.arange(len(some)))
     start = FundamentalManifold(t=points[int(np.argmin(costs))], R=np.eye(3), prior_sigma=UNROTATED)
-    *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
+    *_, best = levenberg_marquardt(FundamentalFit(point=start, smears=some), c.STEPS, c.TOLERANCE)
     return best.point
 
 
-def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
-    """Return the likelihood with standard deviations as the residuals of F show: 0.1 to 4 times the stated.
+def with_measured_noise(smears: NormalisedSmears, F: Array) -> NormalisedSmears:
+    """Return the smears with standard deviations as the residuals of F show: 0.1 to 4 times the stated.
 
     The residuals below CUTOFF, of the better order, are taken for a mixture of half normal inliers and
     uniform outliers, which is fitted by expectation-maximisation.
     """
-    residual = likelihood.residuals(F).least
+    residual = smears.residuals(F).least
     squared = residual[residual < c.CUTOFF] ** 2
     if not len(squared):
-        return likelihood
+        return smears
     variance, inliers = max(1.4826**2 * float(np.median(squared)), c.MIN_VARIANCE), 0.5
     for _ in range(c.SCALE_STEPS):
         normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
@@ -276,4 +278,4 @@ def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
         total = float(share.sum())
         inliers = min(total / len(squared), 0.999)
         variance = max(float(share @ squared) / max(total, 1e-9), c.MIN_VARIANCE)
-    return likelihood.rescaled(float(np.clip(variance**0.5, 0.1, 4.0)))
+    return smears.rescaled(float(np.clip(variance**0.5, 0.1, 4.0)))

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import symmetric_skew, unit_lines
+from blur2view.smears.noise import ACROSS_SHARE, SAMPSON_SHARE
 from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
 from blur2view.two_view.least_squares import least_of, reweighted_motion
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import HomographyFlow, velocity_basis
 
 SLOW = 6  # parameters of the errors that vary slowly, in standard deviations
@@ -33,7 +34,7 @@ PRECISION = np.array([1e6, 1, 1, 1, 1, 1])
 class FieldLikelihood:
     """Smears and velocities, whitened: along and across each smear, in standard deviations."""
 
-    smears: Likelihood
+    smears: NormalisedSmears
 
     @cached_property
     def whitening(self) -> Array:
@@ -155,7 +156,7 @@ class HomographyFit:
         line /= np.maximum(np.hypot(*line), TINY)
         height = line[0] * across[1] - line[1] * across[0]  # deviations per unit off the line
         along = (self.both * line).sum(axis=1)
-        off = [smears.residuals(f).both * 2**0.5 * height * smears.sigma for f in (F, F.T)]
+        off = [smears.residuals(f).both * ACROSS_SHARE * height * smears.sigma for f in (F, F.T)]
         likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
         residuals = np.stack([along, likely], axis=1)
         # errors worse than stated, in all directions, and chance: they are no parallax
@@ -189,11 +190,11 @@ class HomographyFit:
         shift = inverse @ normal[:-SLOW, -SLOW:]
         return np.asarray(inverse + shift @ shift.T)
 
-    def distances_px(self, smears: Likelihood) -> Array:
+    def distances_px(self, smears: NormalisedSmears) -> Array:
         """Return the distances (N,) of smears' ends from the field, each in its better order, pixels."""
         predicted = self.family.displacement(smears.middle)
         both = [np.hypot(*(predicted - sign * smears.displacement).T) for sign in (1.0, -1.0)]
-        return np.asarray(0.5**0.5 * smears.unit_px * np.minimum(*both))
+        return np.asarray(SAMPSON_SHARE * smears.unit_px * np.minimum(*both))
 
 
 def fit_homography(
@@ -211,7 +212,7 @@ def find_plane(likelihood: FieldLikelihood, rotation: Array, *orders: NDArray[np
     ends[:, 1] comes first, the homography fitted linearly to smears in that order.
     """
     smears = likelihood.smears
-    basis, scale = velocity_basis(smears.middle), 2**0.5 * smears.sigma
+    basis, scale = velocity_basis(smears.middle), ACROSS_SHARE * smears.sigma
     signed = [np.where(backward, -1.0, 1.0) * smears.displacement.T for backward in orders]
     linear = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
     starts = (HomographyFlow.plane(start, smears.prior_sigma) for start in (*linear, rotation))

@@ -19,6 +19,7 @@ from blur2view.arrays import TINY, Array
 from blur2view.camera import Camera
 from blur2view.geometry.epipolar import EndProducts
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import ACROSS_SHARE
 from blur2view.two_view import constants as c
 from blur2view.two_view.models import assumed_camera, velocity_basis
 
@@ -82,7 +83,7 @@ class OrderedResiduals:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Likelihood:
+class NormalisedSmears:
     """Smears in normalised coordinates, T times pixels, with the standard deviations of their errors."""
 
     matches: SmearMatches  # of undistorted pixels, where the camera is known
@@ -92,8 +93,8 @@ class Likelihood:
     sigma_fitted: float = 1.0  # standard deviations of Sampson distances over those stated
 
     @classmethod
-    def of(cls, matches: SmearMatches, camera: Camera | None = None) -> Likelihood:
-        """Return the likelihood of matches in undistorted pixels of the camera.
+    def of(cls, matches: SmearMatches, camera: Camera | None = None) -> NormalisedSmears:
+        """Return the smears of matches in undistorted pixels of the camera.
 
         Without a camera an ordinary one is assumed (`models.assumed_camera`), without an image size one whose
         picture just holds the ends.
@@ -177,17 +178,17 @@ class Likelihood:
         rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.matches.length_px)) / self.unit_px
         return np.array([*rotation, self.lens_sigma[0], self.lens_sigma[1], self.lens_sigma[1]])
 
-    def rescaled(self, factor: float) -> Likelihood:
-        """Return the likelihood with the standard deviations of Sampson distances multiplied by a factor."""
+    def rescaled(self, factor: float) -> NormalisedSmears:
+        """Return the smears with the standard deviations of Sampson distances multiplied by a factor."""
         return replace(self, sigma_fitted=self.sigma_fitted * factor)
 
-    def thinned(self, count: int) -> Likelihood:
-        """Return the likelihood of every n-th smear, ``count`` to 2 ``count`` of them; correlation stays."""
+    def thinned(self, count: int) -> NormalisedSmears:
+        """Return every n-th smear, ``count`` to 2 ``count`` of them; correlation stays."""
         step = max(1, len(self) // count)
         return replace(self, matches=self.matches.subset(slice(None, None, step)))
 
     @cached_property
-    def fully_correlated(self) -> Likelihood:
+    def fully_correlated(self) -> NormalisedSmears:
         """The same smears with all correlation of neighbours counted: for covariances, not for fits."""
         return replace(self, matches=replace(self.matches, shared=self.matches.shared.fully_correlated))
 
@@ -235,7 +236,7 @@ class Likelihood:
         moved, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
         x, y = self.middle.T
         length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
-        along = np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.matches.length_px) / self.unit_px
+        along = np.hypot(ACROSS_SHARE * self.sigma_px, c.LENGTH_ERROR * self.matches.length_px) / self.unit_px
         scale = sign * PROBIT_AS_LOGIT / (length * along)
         against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MAX_LOG_ODDS)
         feasible = 1 / (1 + np.exp(against))

@@ -1,9 +1,9 @@
 """Models of motion as manifolds: F of a camera, and displacement fields of homographies.
 
 Each has parameters, a step along them, derivatives and a normal prior of mean zero. Coordinates are those of
-`Likelihood`: x/z and y/z of the camera, assumed or given. ``prior_sigma`` (6,) holds the prior's standard
-deviations: of the rotation about x, y and z, radians, of the logarithm of the focal length over that of this
-camera, and of the principal point's offset over that focal length; zero fixes a parameter.
+`NormalisedSmears`: x/z and y/z of the camera, assumed or given. ``prior_sigma`` (6,) holds the prior's
+standard deviations: of the rotation about x, y and z, radians, of the logarithm of the focal length over that
+of this camera, and of the principal point's offset over that focal length; zero fixes a parameter.
 
 A homography between the ends of a short exposure is near the identity. It is written as Cayley's transform
 H = (I - A/2)^-1 (I + A/2) of a generator A (3, 3): the transform is exact, -A gives the inverse of H, which

@@ -19,7 +19,7 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
 from blur2view.two_view.fundamental import DirectionLikelihood, FundamentalFit, fit_best
 from blur2view.two_view.homography import FieldLikelihood
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import FundamentalManifold, cayley
 from blur2view.two_view.order import pose_before_both
 
@@ -36,20 +36,20 @@ class EstimatedPose:
     E: Array | None = None  # (3, 3), from which F is computed anew; None where F stays as fitted
 
 
-def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -> EstimatedPose:
+def estimate_pose(smears: NormalisedSmears, fit: FundamentalFit, choice: Choice) -> EstimatedPose:
     """Return the pose of known intrinsics for a choice with F or H, given the F of least cost.
 
     The translation is given where parallax is proven, or where its direction is known to KNOWN_DEG and the
     configuration is not PANORAMIC. Else it is zero, and the rotation is that of a PANORAMIC field, or the
     mean over all directions of translation.
     """
-    field, correlated = choice.homography, likelihood.fully_correlated
+    field, correlated = choice.homography, smears.fully_correlated
     if choice.config is Configuration.PANORAMIC and field is not None:
-        smears = FieldLikelihood(smears=field.likelihood.smears.fully_correlated)
-        spread = replace(field, likelihood=smears).covariance()[:3, :3]
+        likelihood = FieldLikelihood(smears=field.likelihood.smears.fully_correlated)
+        spread = replace(field, likelihood=likelihood).covariance()[:3, :3]
         return rotation_alone(field.family.parameters[:3], spread)
-    directions = DirectionLikelihood(likelihood=correlated)
-    point, pose = fit_calibrated(likelihood, fit.point, directions)
+    directions = DirectionLikelihood(smears=correlated)
+    point, pose = fit_calibrated(smears, fit.point, directions)
     tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
     mean, region = spread_over(directions, pose, tangents)
     matrix = covariance_at(point, correlated)
@@ -60,21 +60,21 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
     if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:
         return EstimatedPose(cam2_from_cam1=pose, covariance=covariance, E=pose.essential)
     off = mean - pose.rotation_vector
-    unseen = c.UNSEEN * float(np.median(likelihood.matches.length_px)) / likelihood.unit_px
+    unseen = c.UNSEEN * float(np.median(smears.matches.length_px)) / smears.unit_px
     spread = region[:3, :3] - np.outer(off, off) + unseen**2 * np.eye(3)
     return replace(rotation_alone(mean, spread), E=pose.essential if choice.reports_F else None)
 
 
 def fit_calibrated(
-    likelihood: Likelihood, start: FundamentalManifold, directions: DirectionLikelihood
+    smears: NormalisedSmears, start: FundamentalManifold, directions: DirectionLikelihood
 ) -> tuple[FundamentalManifold, RigidTransform]:
     """Return the E of least cost, started from the F given and the likeliest translation, and its pose."""
     ((rotation, t),) = directions.likeliest(1)
-    likeliest = FundamentalManifold(t=t, R=rotation_matrix(rotation), prior_sigma=likelihood.prior_sigma)
-    point = fit_best([start, likeliest], likelihood).point
-    residuals = likelihood.residuals(point.matrix())
+    likeliest = FundamentalManifold(t=t, R=rotation_matrix(rotation), prior_sigma=smears.prior_sigma)
+    point = fit_best([start, likeliest], smears).point
+    residuals = smears.residuals(point.matrix())
     inliers = residuals.weights.sum(axis=0)
-    return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
+    return point, pose_before_both(point.matrix(), smears.ends, residuals.forward_share, inliers)
 
 
 def spread_over(
@@ -99,7 +99,7 @@ def spread_over(
     return weight @ (sign * rotations), matrix
 
 
-def covariance_at(point: FundamentalManifold, correlated: Likelihood) -> Array:
+def covariance_at(point: FundamentalManifold, correlated: NormalisedSmears) -> Array:
     """Return the covariance (5, 5) of rotation and translation: the inverse normal matrix times a factor.
 
     The factor, `COVARIANCE_FACTOR`, is there because the normal matrix takes orders and outliers as certain.

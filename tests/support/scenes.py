@@ -12,7 +12,7 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import rotation_matrix as rotation
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import assumed_camera
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
@@ -136,13 +136,13 @@ UNIT_PX = 1 / T[0, 0]
 PLAIN = NoiseModel(added_sampson=0.0, added_across=0.0)
 
 
-def normalised_likelihood(ends: Array, sigma: float | Array, effective_share: float = 1.0) -> Likelihood:
+def normalised_smears(ends: Array, sigma: float | Array, effective_share: float = 1.0) -> NormalisedSmears:
     """Return that of ends (N, 2, 2) whose Sampson distances have a standard deviation, both normalised."""
     pixels = (np.asarray(ends) - T[:2, 2]) / np.diag(T)[:2]
     sigma_px = np.broadcast_to(2 * UNIT_PX * np.asarray(sigma), len(ends))
     shared = replace(PLAIN, effective_share=effective_share)
     matches = SmearMatches(ends=pixels, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
-    return Likelihood.of(matches)
+    return NormalisedSmears.of(matches)
 
 
 def distorted_points(camera: Any, rays: Array) -> Array:

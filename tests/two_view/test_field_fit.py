@@ -10,7 +10,7 @@ import pytest
 from blur2view.geometry.pose import rotation_vector
 from blur2view.smears.noise import INDEPENDENT, NoiseModel
 from blur2view.two_view.homography import SLOW, FieldLikelihood, HomographyFit, fit_homography
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import HomographyFlow
 from tests.support.scenes import Scene, disturb, make_scene
 from tools.metrics import CHI_SQUARED_90
@@ -24,7 +24,7 @@ def turning(seed: int, count: int = 600) -> Scene:
 
 
 def likelihood_of(scene: Scene, sigma_px: float = 1.0, shared: NoiseModel = INDEPENDENT) -> FieldLikelihood:
-    return FieldLikelihood(smears=Likelihood.of(scene.matches(sigma_px, shared=shared), scene.camera))
+    return FieldLikelihood(smears=NormalisedSmears.of(scene.matches(sigma_px, shared=shared), scene.camera))
 
 
 def start(scene: Scene) -> HomographyFlow:

@@ -7,9 +7,9 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.homography import FieldLikelihood, HomographyFit, fit_homography
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import FundamentalManifold, HomographyFlow, cayley
-from tests.support.scenes import make_scene, normalised_likelihood
+from tests.support.scenes import make_scene, normalised_smears
 
 NOISE = 8e-4
 
@@ -30,13 +30,13 @@ def beside_a_plane(seed: int, off: float) -> tuple[Array, Array, Array]:
     return A, cross_matrix(epipole) @ cayley(A), ends
 
 
-def plane_of(A: Array, likelihood: Likelihood) -> HomographyFit:
+def plane_of(A: Array, likelihood: NormalisedSmears) -> HomographyFit:
     field = FieldLikelihood(smears=likelihood)
     return fit_homography(field, HomographyFlow.plane(A.ravel()[:8], likelihood.prior_sigma))
 
 
 def gain(A: Array, F: Array, ends: Array) -> float:
-    return plane_of(A, normalised_likelihood(ends, NOISE)).gain_of_parallax(F)
+    return plane_of(A, normalised_smears(ends, NOISE)).gain_of_parallax(F)
 
 
 def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:
@@ -51,7 +51,7 @@ def odds(seed: int, rotation_share: float, camera: bool) -> tuple[Array, Array]:
     By the camera, or by coordinates of the assumed one, whose focal length is another.
     """
     scene = make_scene(np.random.default_rng(seed), rotation_share=rotation_share)
-    likelihood = Likelihood.of(scene.matches(0.01), scene.camera if camera else None)
+    likelihood = NormalisedSmears.of(scene.matches(0.01), scene.camera if camera else None)
     K = likelihood.T @ scene.K
     lens = np.array([np.log(K[0, 0]), *K[:2, 2]])
     point = FundamentalManifold(
@@ -76,7 +76,7 @@ def test_points_in_front_are_likelier_in_their_true_order(rotation_share: float,
 def test_both_orders_of_every_smear_are_summed() -> None:
     """A field that no smear tells the order of costs log 2 less than one that all do."""
     A, _, ends = beside_a_plane(6, 0.0)
-    plane = plane_of(A, normalised_likelihood(ends, NOISE))
+    plane = plane_of(A, normalised_smears(ends, NOISE))
     family = plane.family.step(-2 * plane.family.parameters)
     backward = HomographyFit(likelihood=plane.likelihood, family=family, slow=plane.slow)
     assert np.allclose(plane.costs, backward.costs)
@@ -87,8 +87,8 @@ def test_both_orders_of_every_smear_are_summed() -> None:
 
 def test_the_assumed_camera_lies_about_the_picture_or_without_its_size_about_the_ends() -> None:
     centre = SmearMatches(ends=np.full((1, 2, 2), [319.5, 239.5]), sigma_px=np.ones(1), image_size=(640, 480))
-    np.testing.assert_allclose(Likelihood.of(centre).ends, 0, atol=1e-12)
+    np.testing.assert_allclose(NormalisedSmears.of(centre).ends, 0, atol=1e-12)
     ends = np.random.default_rng(0).uniform(0, 500, (40, 2, 2))
     here, there = (SmearMatches(ends=ends + shift, sigma_px=np.ones(40)) for shift in (0, [900, -400]))
-    np.testing.assert_allclose(Likelihood.of(there).ends, Likelihood.of(here).ends, atol=1e-12)
-    assert np.abs(Likelihood.of(here).ends).max() < 1
+    np.testing.assert_allclose(NormalisedSmears.of(there).ends, NormalisedSmears.of(here).ends, atol=1e-12)
+    assert np.abs(NormalisedSmears.of(here).ends).max() < 1

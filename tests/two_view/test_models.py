@@ -10,7 +10,7 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import FieldLikelihood, find_plane
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import (
     UNROTATED,
     FundamentalManifold,
@@ -19,7 +19,7 @@ from blur2view.two_view.models import (
     cayley,
     velocity_basis,
 )
-from tests.support.scenes import IMAGE_SIZE, make_scene, normalised_likelihood
+from tests.support.scenes import IMAGE_SIZE, make_scene, normalised_smears
 
 SOFT = np.array([0.1, 0.1, 0.3, 0.3, 0.03, 0.03])
 DIRECTION = np.array([0.6, 0.0, 0.8])
@@ -35,7 +35,7 @@ class Plane:
     """Smears of one homography H = cayley(A), orders drawn at random, in normalised coordinates."""
 
     A: Array
-    likelihood: Likelihood
+    smears: NormalisedSmears
     swapped: np.ndarray
 
 
@@ -53,7 +53,7 @@ def plane(
     ends += noise * rng.normal(size=ends.shape)
     swapped = rng.random(count) < 0.5
     ends[swapped] = ends[swapped, ::-1]
-    return Plane(A=A, likelihood=normalised_likelihood(ends, max(noise, 1e-4)), swapped=swapped)
+    return Plane(A=A, smears=normalised_smears(ends, max(noise, 1e-4)), swapped=swapped)
 
 
 def normalised(ends: Array) -> Array:
@@ -72,7 +72,7 @@ def test_tangents_of_F_are_numeric_derivatives_and_keep_rank_two(camera: Fundame
 @pytest.mark.parametrize("camera", CAMERAS, ids=["translation", "camera"])
 def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: FundamentalManifold) -> None:
     ends = normalised(make_scene(np.random.default_rng(6), count=60).ends)
-    likelihood = normalised_likelihood(ends, np.full(60, 0.02), effective_share=0.1)
+    likelihood = normalised_smears(ends, np.full(60, 0.02), effective_share=0.1)
     state = FundamentalFit.likelier(camera, likelihood)
     _, gradient = state.normal_equations()
     for k, direction in enumerate(np.eye(len(gradient))):
@@ -91,7 +91,7 @@ def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: Fund
     ids=["plane", "rotation"],
 )
 def test_derivatives_of_fields_match_differences(field: HomographyFlow) -> None:
-    step, points = 1e-6, plane(6).likelihood.middle
+    step, points = 1e-6, plane(6).smears.middle
     for one in (field, field.rolling(1)):
         derivatives = one.derivatives(velocity_basis(points), points)
         assert len(derivatives) == len(one.parameters) == len(one.weight)
@@ -107,7 +107,7 @@ def test_a_homography_is_found_though_some_orders_are_wrong(
 ) -> None:
     for seed in range(10, 20):
         scene = plane(seed, count=400, noise=noise, outliers=outliers)
-        likelihood = FieldLikelihood(smears=scene.likelihood)
+        likelihood = FieldLikelihood(smears=scene.smears)
         wrong = np.random.default_rng(seed).random(400) < 0.2
         found = find_plane(likelihood, np.zeros(8), scene.swapped ^ wrong).family.generator()
         assert min(np.abs(found - scene.A).max(), np.abs(found + scene.A).max()) < within

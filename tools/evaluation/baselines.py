@@ -25,7 +25,7 @@ from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import denormalise, fundamental_from_pose, homogeneous, serrmin, unit_norm
 from blur2view.two_view.constants import MIN_SMEARS
 from blur2view.two_view.fundamental import SmearEstimator, fit_translation
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
@@ -80,9 +80,9 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
     """Return F of a pure translation, two parameters, fitted robustly; None from fewer than MIN_SMEARS."""
     if len(matches) < MIN_SMEARS:
         return None
-    estimator = SmearEstimator(likelihood=Likelihood.of(matches))
+    estimator = SmearEstimator(smears=NormalisedSmears.of(matches))
     point = fit_translation(estimator, np.random.default_rng(0))
-    return denormalise(point.matrix(), estimator.likelihood.T)
+    return denormalise(point.matrix(), estimator.smears.T)
 
 
 def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:

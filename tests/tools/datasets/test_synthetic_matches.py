@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.geometry.epipolar import sampson, serrmin
 from blur2view.two_view.homography import FieldLikelihood, find_plane
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import NormalisedSmears
 from tools.datasets import synthetic_matches as synthetic
 from tools.datasets.synthetic_matches import Kind, Motion, Scene, SyntheticOptions, synthetic_smears
 
@@ -32,7 +32,7 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Scene) ->
         assert serrmin(scene.F, scene.true_ends).max() < 1e-12
     if kind in ("pure rotation", "plane", "general"):
         exact = replace(scene.matches, ends=scene.true_ends, sigma_px=np.full(len(scene.true_ends), 0.2))
-        likelihood = Likelihood.of(exact)
+        likelihood = NormalisedSmears.of(exact)
         plane = find_plane(FieldLikelihood(smears=likelihood), np.zeros(8), scene.swapped)
         inside = np.mean(plane.distances_px(likelihood) < 3 * likelihood.sigma_px)
         assert inside > 0.99 if kind != "general" else inside < 0.9
