@@ -30,7 +30,8 @@ WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
 # The Sampson distance of a smear over its error across, because each end is off by half of it; and back.
-SAMPSON_SHARE, ACROSS_SHARE = 0.5**0.5, 2**0.5
+SAMPSON_SHARE: float = 0.5**0.5
+ACROSS_SHARE: float = 2**0.5
 
 
 @dataclass(frozen=True, kw_only=True)
