@@ -14,7 +14,7 @@ from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
 from blur2view.images.pixels import photograph_of, unusable_size
 from blur2view.movers.mask import MotionMask, mask_of
-from blur2view.movers.moving import PLACE_PX, THRESHOLD, Moving, moving_in, reduced
+from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.smears.blur import Blur, nothing_seen
@@ -182,7 +182,7 @@ def segment(
     rng : numpy.random.Generator or int, optional
         Draws starts of the fit of the camera's motion; or its seed, 0 by default.
     threshold : float
-        Probability above 0 and below 1 that the highest place of a part must reach. A lower one misses less
+        Probability above 0 and below 1 that the highest block of a part must reach. A lower one misses less
         of what moves, and marks more of what stands still.
 
     Returns
@@ -227,7 +227,7 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Eviden
     if evidence.needed is not Needed.MOVERS:
         return evidence, None
     moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
-    factor = moving.place_px // PLACE_PX  # a mask of every pixel of 24 megapixels takes 0.5 GB
-    mask = mask_of(replace(moving, place_px=PLACE_PX), reduced(image, factor))
+    factor = moving.block_px // BLOCK_PX  # a mask of every pixel of 24 megapixels takes 0.5 GB
+    mask = mask_of(replace(moving, block_px=BLOCK_PX), reduced(image, factor))
     movers = moving.evidence(evidence.grid, mask.shares["moving"])
     return replace(evidence, movers=movers), moving

@@ -41,11 +41,11 @@ def linear_light(image: Any) -> Any:
     return light * np.float32(255 * min(MAX_GAIN, 1 / max(white, TINY)))
 
 
-def resampled(image: Any, place: Any, how: int = cv2.INTER_LINEAR) -> Any:
+def resampled(image: Any, pixels: Any, how: int = cv2.INTER_LINEAR) -> Any:
     """Return an image (H, W, ...) at the pixels of a map (h, w, 2), float32: (h, w, ...), mirrored beyond."""
     remap: Any = cv2.remap  # whose stubs want two maps
-    values = remap(image, place, None, how, borderMode=cv2.BORDER_REFLECT)
-    return values.reshape(*place.shape[:2], *image.shape[2:])
+    values = remap(image, pixels, None, how, borderMode=cv2.BORDER_REFLECT)
+    return values.reshape(*pixels.shape[:2], *image.shape[2:])
 
 
 def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False) -> list[Any]:
@@ -54,18 +54,18 @@ def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False
     The list holds this image and, with ``moments``, those whose samples are weighted by t and t^2.
     """
     height, width = image.shape[:2]
-    place = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))
+    pixels = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))
     length = np.hypot(path[..., 0], path[..., 1])
     longest = float(np.quantile(length[::8, ::8], LENGTH_QUANTILE))
     path = path * np.minimum(1, np.float32(longest) / np.maximum(length, np.float32(TINY)))[..., None]
     count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MAX_SAMPLES)) if longest > MIN_BLUR_PX else 1
     sums = [np.zeros_like(image, np.float32) for _ in range(3 if moments else 1)]
-    seen = np.empty_like(place)
+    shifted = np.empty_like(pixels)
     for t in (np.arange(count, dtype=np.float32) + 0.5) / np.float32(count) - np.float32(0.5):
-        cv2.scaleAdd(path, -t, place, seen)
+        cv2.scaleAdd(path, -t, pixels, shifted)
         if bend is not None:
-            cv2.scaleAdd(bend, -t * t, seen, seen)
-        sample = resampled(image, seen)
+            cv2.scaleAdd(bend, -t * t, shifted, shifted)
+        sample = resampled(image, shifted)
         for power, total in enumerate(sums):
             cv2.scaleAdd(sample, t**power, total, total)
     return [total / np.float32(count) for total in sums]

@@ -27,7 +27,7 @@ from blur2view.images.pixels import to_resized
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # cv2.goodFeaturesToTrack of a frame after smoothing
 MIN_SPACING_PX = 6.0  # between a new corner and a keypoint
-MERGE_PX = 1.0  # places that are one keypoint
+MERGE_PX = 1.0  # distance of pixels that are one keypoint
 MIN_PAIR_MATCHES = 15  # of a pair
 VERIFY_PX = 3.0  # maximum error of two-view geometries
 SIZES = {2: [], 4: [2], 6: [2, 5]}  # columns of keypoints that say how large they are: scale, or affine shape
@@ -78,15 +78,15 @@ def check_project(database: Path, names: Iterable[str]) -> dict[str, int]:
     return ids
 
 
-def _indices(keypoints: Keypoints, name: str, places: Array, spacing_px: float) -> list[int]:
-    """Return the indices of a frame's keypoints at places (N, 2); new ones where none is so near."""
-    found = []
-    for place in places:
-        away = np.linalg.norm(keypoints[name] - place, axis=1)
-        if not len(away) or away.min() > spacing_px:
-            keypoints[name], away = np.vstack([keypoints[name], place]), np.append(away, 0.0)
-        found.append(int(away.argmin()))
-    return found
+def _indices(keypoints: Keypoints, name: str, pixels: Array, spacing_px: float) -> list[int]:
+    """Return the indices of a frame's keypoints at pixels (N, 2); new ones where none is so near."""
+    indices = []
+    for pixel in pixels:
+        distance = np.linalg.norm(keypoints[name] - pixel, axis=1)
+        if not len(distance) or distance.min() > spacing_px:
+            keypoints[name], distance = np.vstack([keypoints[name], pixel]), np.append(distance, 0.0)
+        indices.append(int(distance.argmin()))
+    return indices
 
 
 def _corners(image: Any) -> Array:
@@ -100,14 +100,14 @@ def _matches(sequence: FrameSequence, name: str, before: str, keypoints: Keypoin
     """Track an earlier frame's keypoints into a frame: indices (M, 2) of keypoints of both."""
     other, expected = sequence.view(before), sequence.expected(name)
     world = _surfaces(other, keypoints[before], sequence.world(sequence.points_of(before)))
-    seen, found = np.ones(len(world), bool), None
+    seen, pose = np.ones(len(world), bool), None
     if expected is not None:
-        found = find_pose(sequence.view(name), [other], world, [seen], expected.motion)
-    if found is None:
+        pose = find_pose(sequence.view(name), [other], world, [seen], expected.motion)
+    if pose is None:
         return np.zeros((0, 2), np.uint32)
-    indices = _indices(keypoints, name, found.pixels, MERGE_PX)
+    indices = _indices(keypoints, name, pose.pixels, MERGE_PX)
     _, first = np.unique(indices, return_index=True)
-    return np.column_stack([found.numbers, indices]).astype(np.uint32)[np.sort(first)]
+    return np.column_stack([pose.numbers, indices]).astype(np.uint32)[np.sort(first)]
 
 
 def _surfaces(view: View, pixels: Array, world: Array) -> Array:
@@ -125,12 +125,12 @@ def _write_tracks(
 
     with pycolmap.Database.open(path) as opened:
         first = {}  # index of each frame's first new keypoint
-        for name, places in keypoints.items():
+        for name, pixels in keypoints.items():
             own, camera = opened.read_keypoints(ids[name]), opened.read_image(ids[name]).camera_id
             scale = opened.read_camera(camera).width / sequence.view(name).camera.width
             columns = own.shape[1] if len(own) else 4
-            more = np.zeros((len(places), columns), np.float32)
-            more[:, :2] = to_colmap(to_resized(places, scale))
+            more = np.zeros((len(pixels), columns), np.float32)
+            more[:, :2] = to_colmap(to_resized(pixels, scale))
             more[:, SIZES[columns]] = 1
             put = opened.update_keypoints if opened.exists_keypoints(ids[name]) else opened.write_keypoints
             put(ids[name], np.vstack([own.reshape(-1, columns), more]))

@@ -164,8 +164,8 @@ def photographs_of(model: Any) -> dict[str, Any]:
 
 def observed(model: Any, image: Any) -> dict[int, int]:
     """Return the ids of the 3D points that an image observes, by the indices of its keypoints."""
-    seen = {place: point.point3D_id for place, point in enumerate(image.points2D) if point.has_point3D()}
-    return {place: number for place, number in seen.items() if number in model.points3D}
+    seen = {index: point.point3D_id for index, point in enumerate(image.points2D) if point.has_point3D()}
+    return {index: number for index, number in seen.items() if number in model.points3D}
 
 
 def add_image(

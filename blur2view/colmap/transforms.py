@@ -87,7 +87,7 @@ def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
     seen = [*observed(model, image)]
     if not seen or seen[-1] >= min(first.num_points2D(), last.num_points2D()):
         return None
-    ends = [np.array([view.points2D[place].xy for place in seen]) for view in (first, last)]
+    ends = [np.array([view.points2D[index].xy for index in seen]) for view in (first, last)]
     return float(np.median(np.linalg.norm(ends[1] - ends[0], axis=1)))
 
 

@@ -103,7 +103,7 @@ def match_features(features1: Features, features2: Features) -> Matches:
     points1, points2, kept = points1[chosen], points2[best[chosen]], np.zeros(0, bool)
     if len(chosen) >= MIN_VERIFIED:
         bound = MAX_F_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MATCHED_SIDE_PX)
-        with suppress(cv2.error):  # of a few places over and over, as noise may match (usac/estimator.cpp)
+        with suppress(cv2.error):  # of a few pixels over and over, as noise may match (usac/estimator.cpp)
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
             kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
     return (points1[kept], points2[kept]) if kept.sum() >= MIN_VERIFIED else (NO_POINTS, NO_POINTS)

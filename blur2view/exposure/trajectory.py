@@ -80,9 +80,9 @@ class CameraPath:
         turns = [rotation_vector(pose[:, :3] @ middle[:, :3].T) for pose in poses]
         centres = [-pose[:, :3].T @ pose[:, 3] for pose in poses]
         spline = make_interp_spline(times, np.column_stack([turns, centres]), k=min(3, len(times) - 1))
-        place = spline(time)
-        R = rotation_matrix(place[:3]) @ middle[:, :3]
-        return np.column_stack([R, -R @ place[3:]])
+        turn, centre = np.split(spline(time), 2)
+        R = rotation_matrix(turn) @ middle[:, :3]
+        return np.column_stack([R, -R @ centre])
 
     def sides(self, time: float) -> tuple[bool, bool]:
         """Return whether there are frames within reach before a time, and after it."""

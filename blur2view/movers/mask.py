@@ -17,10 +17,10 @@ from blur2view.movers.moving import THRESHOLD, Moving
 
 Grey = NDArray[np.uint8]
 
-MIN_PLACES = 25
-"""Places of the smallest connected piece of a mask; bound."""
-GUIDE_PLACES, GUIDE_EPS = 2, 0.03
-"""Radius of the windows in which outlines follow the picture, places; contrast of an edge, levels; bounds."""
+MIN_BLOCKS = 25
+"""Blocks of the smallest connected piece of a mask; bound."""
+GUIDE_BLOCKS, GUIDE_EPS = 2, 0.03
+"""Radius of the windows in which outlines follow the picture, blocks; contrast of an edge, levels; bounds."""
 
 
 class MotionLabel(IntEnum):
@@ -64,36 +64,36 @@ class MotionMask:
         return {label.name.lower(): float((self.labels == label).mean()) for label in MotionLabel}
 
 
-def mask_of(found: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
+def mask_of(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in a photograph (H, W, 3) or (H, W)."""
-    side, still = found.place_px, found.camera_moved < 0.5
-    parts = _to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
+    side, still = moving.block_px, moving.camera_moved < 0.5
+    parts = _to_pixels(moving.parts(threshold).astype(np.float32), image.shape, side)
     moves = _along_edges(parts, image, side) > 0.5
     del parts  # a large photograph's
-    probability = _to_pixels(found.probability, image.shape, side)
-    regions = regions_of(moves, probability, MIN_PLACES * side**2)
-    smooth = np.repeat(np.repeat(found.smooth.astype(np.uint8), side, 0), side, 1)
+    probability = _to_pixels(moving.probability, image.shape, side)
+    regions = regions_of(moves, probability, MIN_BLOCKS * side**2)
+    smooth = np.repeat(np.repeat(moving.smooth.astype(np.uint8), side, 0), side, 1)
     labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)  # others static
     labels[moves] = MotionLabel.MOVING
-    against = "camera that stands still" if still else f"smooth motion of {found.camera_px:.0f} px (median)"
+    against = "camera that stands still" if still else f"smooth motion of {moving.camera_px:.0f} px (median)"
     return MotionMask(
         labels=labels, probability=probability, regions=regions, reason=f"measured against a {against}"
     )
 
 
-def _to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
-    """Resample values (h, w) of places, squares of ``place_px`` pixels, to the pixels (H, W) they cover."""
-    rows, columns = (-(-side // place_px) for side in shape[:2])
-    size = columns * place_px, rows * place_px
-    values = cv2.resize(places[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)
+def _to_pixels(blocks: Floats, shape: tuple[int, ...], block_px: int) -> Floats:
+    """Resample values (h, w) of blocks, squares of ``block_px`` pixels, to the pixels (H, W) they cover."""
+    rows, columns = (-(-side // block_px) for side in shape[:2])
+    size = columns * block_px, rows * block_px
+    values = cv2.resize(blocks[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(values[: shape[0], : shape[1]], np.float32)
 
 
-def _along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
+def _along_edges(values: Floats, image: AnyArray, block_px: int) -> Floats:
     """Filter values (H, W) so that their steps follow the image's edges (He, Sun and Tang, ECCV 2010)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     grey = np.asarray(grey / np.float32(white_of(image)), np.float32)
-    followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
+    followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_BLOCKS, GUIDE_EPS, scale=1 / block_px)
     return np.asarray(followed, np.float32)
 
 

@@ -1,10 +1,10 @@
-"""Which places of a photograph move by themselves, and whether the camera moved.
+"""Which blocks of a photograph move by themselves, and whether the camera moved.
 
-A place has 4 x 4 pixels. Two networks judge it: ``models/unet.onnx`` sees the photograph and the cells of its
+A block has 4 x 4 pixels. Two networks judge it: ``models/unet.onnx`` sees the photograph and the cells of its
 `SmearGrid`; ``models/movers.onnx`` sees the cells against the camera's motion, one smooth field through the
-smears of the places that the U-Net takes for still, and gradients along that motion's blur, which are weak
+smears of the blocks that the U-Net takes for still, and gradients along that motion's blur, which are weak
 where only the camera moved. Their log-odds add, as those of independent evidence do, and are shared among
-near places of like colour. Their level differs between photographs, so a part reaches from the photograph's
+near blocks of like colour. Their level differs between photographs, so a part reaches from the photograph's
 highest log-odds halfway to its median.
 """
 
@@ -25,8 +25,8 @@ from blur2view.smears.camera_motion import Movers, moved_probability
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, DIRECTIONS, IN_FOCUS_PX, KINDS, SHARP, SMEARED
 
-PLACE_PX = 4
-"""Side of a place, pixels."""
+BLOCK_PX = 4
+"""Side of a block, pixels."""
 CELL_VALUES = DIRECTIONS + LENGTHS + len(KINDS) + 1
 """Values of a cell for the U-Net: `cell_values`."""
 MIN_STATED_PX, FLOOR_PX, FLOOR_SHARE = 0.1, 0.4, 0.05
@@ -44,19 +44,19 @@ SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
 RIDGE, RIDGE_SHARE = 0.3, 0.3
 """Weight, in cells, of each quadratic coefficient of the field over this share of the median length."""
 LEFT = 0.05
-"""Weight, in the fit of the camera's motion, of the places with the highest log-odds; bound."""
+"""Weight, in the fit of the camera's motion, of the blocks with the highest log-odds; bound."""
 SLOPE, INTERCEPT = 0.7, 0.5
 """From the sum of both networks, shared, to calibrated log-odds: logistic regression on scenes of both
 renderers has 0.66 and 0.58, on DAVIS 0.89 and 2.0; photographs without movers pull the other way."""
 ALIKE = 2 / 3
-"""Weight of the mean over near places of like colour; the place itself has the rest."""
+"""Weight of the mean over near blocks of like colour; the block itself has the rest."""
 LUMA, COLOUR, NEAR, BIN = 0.07, 0.025, 0.13, 1.5
 """Deviations of that mean's weights: luma, differences of colours, position as a share of the width; side of
 a bin, deviations."""
-ROWS, EDGE_PLACES, EDGE_EPS = 1000, 3, 1e-2
-"""Bins weighed at a time, which bounds the memory; radius, places, and epsilon of OpenCV's guided filter."""
+ROWS, EDGE_BLOCKS, EDGE_EPS = 1000, 3, 1e-2
+"""Bins weighed at a time, which bounds the memory; radius, blocks, and epsilon of OpenCV's guided filter."""
 AT_REST = 1.0
-"""Log-odds added before a camera that stands still, which smears nothing itself (with 2 in its place 10 of 56
+"""Log-odds added before a camera that stands still, which smears nothing itself (with 2 instead 10 of 56
 sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named)."""
 EDGE_HEIGHT, TOP_HEIGHT, THRESHOLD = 0.5, 0.8, 0.5
 """Heights between the median and the highest log-odds of a photograph, of a part's edge and of its top, and
@@ -65,35 +65,35 @@ NEAR."""
 
 SHARPER, SMEARED_SHARE = 0.1, 0.1
 """Before a camera that stands still: by how much the sharpness of a part, 0 to 1, must exceed that of what is
-around it, and the share of its places that must be smeared for it to move nevertheless. Of 24 sharp cut-outs
+around it, and the share of its blocks that must be smeared for it to move nevertheless. Of 24 sharp cut-outs
 before soft photographs these leave a mask on 1, not 3, and of 138 sharp photographs on 8, not 11; no mask of
 24 rendered scenes with movers before a still camera changes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moving:
-    """The places of a photograph that move by themselves, and its camera's motion."""
+    """The blocks of a photograph that move by themselves, and its camera's motion."""
 
     log_odds: Floats
-    """(h, w), that a place moves by itself."""
+    """(h, w), that a block moves by itself."""
     smooth: Mask
-    """(h, w): places about which the picture shows nothing."""
-    place_px: int
-    """Side of a place, pixels of the photograph; together they cover it."""
+    """(h, w): blocks about which the picture shows nothing."""
+    block_px: int
+    """Side of a block, pixels of the photograph; together they cover it."""
     camera_px: float
     """Median displacement of the camera's motion, pixels."""
     camera_moved: float
     """Probability that the camera moved."""
     kinds: Floats
-    """(h, w, 3): probabilities that a place is sharp, that it is smeared, and that its blur is known."""
+    """(h, w, 3): probabilities that a block is sharp, that it is smeared, and that its blur is known."""
 
     @property
     def probability(self) -> Floats:
-        """Probability (h, w) that a place moves by itself, 0 where the picture is smooth."""
+        """Probability (h, w) that a block moves by itself, 0 where the picture is smooth."""
         return np.asarray(np.where(self.smooth, 0, sigmoid(self.log_odds)), np.float32)
 
     def parts(self, threshold: float = THRESHOLD) -> Mask:
-        """Mark the places (h, w) of connected parts that move: the top of each has this probability."""
+        """Mark the blocks (h, w) of connected parts that move: the top of each has this probability."""
         seen = ~self.smooth
         if not seen.any():
             return np.zeros(seen.shape, bool)
@@ -124,8 +124,8 @@ class Moving:
 
     def evidence(self, grid: SmearGrid, share: float) -> Movers:
         """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
-        rows, columns = (-(-side * grid.stride // self.place_px) for side in grid.cells.shape[:2])
-        cells = at_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
+        rows, columns = (-(-side * grid.stride // self.block_px) for side in grid.cells.shape[:2])
+        cells = over_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
         return Movers(cells=cells, share=share, camera_moved=self.camera_moved)
 
 
@@ -151,27 +151,27 @@ def moving_in(
     gain = gain_of(image)
     missing = [(0, -side % STEP) for side in image.shape[:2]]
     image = np.pad(rgb_of(image), [*missing, (0, 0)], mode="symmetric")
-    gradients, colour = at_places(image)
-    seen = first_axis(brightened(image, gain)), first_axis(cell_values(grid))
+    gradients, colour = block_gradients(image)
+    seen = channels_first(brightened(image, gain)), channels_first(cell_values(grid))
     looks, moved = shipped(UNET, execution).run(*seen)
     low, high = np.quantile(looks, [0.5, 0.995])
-    likely = np.clip((at_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
+    likely = np.clip((over_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
     motion = camera_field(grid, 1 - (1 - LEFT) * likely, rng)
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
     camera_moved = moved_probability(grid, float(moved), camera_px)
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
-    against = of_places(gradients, colour, grid, motion), of_cells(grid, motion)
-    ((blurred, _),) = shipped(MOVERS, execution).run(*map(first_axis, against))
+    against = block_evidence(gradients, colour, grid, motion), cell_evidence(grid, motion)
+    ((blurred, _),) = shipped(MOVERS, execution).run(*map(channels_first, against))
     odds = INTERCEPT + SLOPE * (looks + blurred)
     odds += np.float32(AT_REST * (1 - camera_moved))
-    smooth = smooth_places(gradients)
+    smooth = smooth_blocks(gradients)
     kinds = np.asarray(grid.kinds, np.float32)
     shown = np.dstack([kinds[..., SHARP], kinds[..., [SMEARED, BOTH]].sum(-1), 1 - kinds[..., CANNOT_TELL]])
     return Moving(
         log_odds=(1 - ALIKE) * odds + ALIKE * bilateral_mean(odds, colour, ~smooth),
         smooth=smooth,
-        place_px=PLACE_PX * factor,
+        block_px=BLOCK_PX * factor,
         camera_px=camera_px,
         camera_moved=camera_moved,
         kinds=np.asarray(cv2.resize(shown, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32),
@@ -217,8 +217,8 @@ def reduced_grid(grid: SmearGrid, factor: int) -> SmearGrid:
 def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:
     """Return the displacement (h, w, 2) that the camera's motion gives every cell of a grid, pixels.
 
-    A quadratic polynomial of the place, as instantaneous rotations and planes give it. The sign of a smear is
-    the one nearer to the field. Affine fields through three cells each, in every choice of signs, are
+    A quadratic polynomial of the position, as instantaneous rotations and planes give it. The sign of a smear
+    is the one nearer to the field. Affine fields through three cells each, in every choice of signs, are
     starts, which ``rng`` draws; that of least Geman-McClure cost is refined by reweighted least squares.
     ``weight`` (h, w), 0 to 1, is small where something moves by itself.
     """
@@ -279,7 +279,7 @@ def cell_values(grid: SmearGrid) -> Floats:
     return np.concatenate([np.sqrt(grid.shares), grid.blur[..., 1:], radius], axis=-1).astype(np.float32)
 
 
-def of_cells(grid: SmearGrid, camera: Array) -> Floats:
+def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
     """Compare the cells of a grid with the camera's motion (h, w, 2), pixels: (h, w, 19), most logarithms."""
     assert grid.blur is not None
     seen, sigma_px, error = _smears(grid)
@@ -312,8 +312,8 @@ def of_cells(grid: SmearGrid, camera: Array) -> Floats:
     return np.concatenate([np.stack(evidence, axis=-1), grid.blur[..., 1:]], axis=-1, dtype=np.float32)
 
 
-def of_places(gradients: Floats, colour: Floats, grid: SmearGrid, camera: Array) -> Floats:
-    """Return values (h, w, 15) of places: logarithms of gradients along and across motions, and colours.
+def block_evidence(gradients: Floats, colour: Floats, grid: SmearGrid, camera: Array) -> Floats:
+    """Return values (h, w, 15) of blocks: logarithms of gradients along and across motions, and colours.
 
     Gradients and colours are `at_places`; the motions are the camera's (h/8, w/8, 2) and the grid's smears.
     """
@@ -329,13 +329,13 @@ def of_places(gradients: Floats, colour: Floats, grid: SmearGrid, camera: Array)
     return np.dstack([*values, colour])
 
 
-def at_places(image: Floats) -> tuple[Floats, Floats]:
+def block_gradients(image: Floats) -> tuple[Floats, Floats]:
     """Return mean squared gradients (H/4, W/4, 9) and colours (H/4, W/4, 3) of a photograph (H, W, 3).
 
     RGB in [0, 1], whose sides are multiples of 32. Gradients are of each octave gx^2 + gy^2, gx^2 - gy^2 and
     2 gx gy, which turn like double angles; colours are luma and two differences.
     """
-    size = image.shape[1] // PLACE_PX, image.shape[0] // PLACE_PX
+    size = image.shape[1] // BLOCK_PX, image.shape[0] // BLOCK_PX
     grey, gradients = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), []
     for _ in range(OCTAVES):
         dx, dy = (0.125 * cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
@@ -346,24 +346,24 @@ def at_places(image: Floats) -> tuple[Floats, Floats]:
     return np.dstack(gradients), np.dstack([(r + g + b) / 3, r - g, b - (r + g) / 2])
 
 
-def smooth_places(gradients: Floats) -> Mask:
-    """Mark the places (h, w) about which a window shows nothing, by gradients (h, w, 9) of `at_places`."""
-    side = SMOOTH_WINDOW_PX // PLACE_PX
+def smooth_blocks(gradients: Floats) -> Mask:
+    """Mark the blocks (h, w) about which a window shows nothing, by `block_gradients` (h, w, 9)."""
+    side = SMOOTH_WINDOW_PX // BLOCK_PX
     mean = cv2.blur(np.ascontiguousarray(gradients[..., 0]), (side, side))
     return np.asarray(mean < SMOOTH)
 
 
 def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
-    """Return the mean (h, w) of the known values (h, w) over near places of like colour.
+    """Return the mean (h, w) of the known values (h, w) over near blocks of like colour.
 
-    A bilateral filter as wide as objects are. Places are gathered in bins of colour (h, w, 3), of levels in
+    A bilateral filter as wide as objects are. Blocks are gathered in bins of colour (h, w, 3), of levels in
     [0, 1] as `at_places` returns it, and position, all of which are weighed against each other (Chen, Paris
     and Durand, Real-time edge-aware image processing with the bilateral grid, SIGGRAPH 2007), and the means
     follow the picture's edges.
     """
     y, x = np.mgrid[: values.shape[0], : values.shape[1]] / (NEAR * values.shape[1])
-    places = np.dstack([colour / np.array([LUMA, COLOUR, COLOUR]), x, y]).reshape(-1, 5)
-    bins = np.round(places / BIN).astype(np.int64)
+    features = np.dstack([colour / np.array([LUMA, COLOUR, COLOUR]), x, y]).reshape(-1, 5)
+    bins = np.round(features / BIN).astype(np.int64)
     bins -= bins.min(axis=0)
     numbers = np.ravel_multi_index(tuple(bins.T), tuple(bins.max(axis=0) + 1))
     _, index = np.unique(numbers, return_inverse=True)
@@ -373,7 +373,7 @@ def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
 
     count, among = np.bincount(index).astype(np.float32), total(known)
     sums = total(np.where(known, values, 0))
-    means = np.stack([total(column) for column in places.T], axis=1) / count[:, None]
+    means = np.stack([total(column) for column in features.T], axis=1) / count[:, None]
     half = (means**2).sum(axis=1) / 2
     average = np.empty_like(sums)
     for first in range(0, len(means), ROWS):
@@ -381,10 +381,10 @@ def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
         weights = np.exp(np.minimum(means[some] @ means.T - half[some, None] - half, 0))
         average[some] = (weights @ sums) / np.maximum(weights @ among, 1e-3)
     binned = np.ascontiguousarray(average[index].reshape(values.shape))
-    return np.asarray(cv2.ximgproc.guidedFilter(colour, binned, EDGE_PLACES, EDGE_EPS), np.float32)
+    return np.asarray(cv2.ximgproc.guidedFilter(colour, binned, EDGE_BLOCKS, EDGE_EPS), np.float32)
 
 
-def first_axis(channels: Floats) -> Floats:
+def channels_first(channels: Floats) -> Floats:
     """Return values (h, w, C) as (C, h, w)."""
     return np.ascontiguousarray(np.moveaxis(channels, -1, 0))
 
@@ -394,6 +394,6 @@ def sigmoid(log_odds: AnyArray | float) -> Array:
     return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -30, 30))))
 
 
-def at_cells(places: Floats, shape: tuple[int, ...]) -> Array:
-    """Return the means (h, w) of places over cells, or their values where cells are smaller."""
-    return np.asarray(cv2.resize(places, shape[1::-1], interpolation=cv2.INTER_AREA), float)
+def over_cells(blocks: Floats, shape: tuple[int, ...]) -> Array:
+    """Return the means (h, w) of blocks over cells, or their values where cells are smaller."""
+    return np.asarray(cv2.resize(blocks, shape[1::-1], interpolation=cv2.INTER_AREA), float)

@@ -211,9 +211,9 @@ def line_layer(estimate: Estimate) -> Picture:
         reach = (np.abs(foot).sum() + sum(shape)) * along
         draw_line(layer, on_picture(np.stack([foot - reach, foot + reach]), shape), WHITE, 1, LINE_OPACITY)
     for x, y, z in epipoles(F):
-        place = np.array([x, y]) / (z if abs(z) > TINY else TINY)
-        if (place >= -0.5).all() and (place < np.array(shape[::-1]) - 0.5).all():
-            centre = on_picture(place, shape).round().astype(int).tolist()
+        epipole = np.array([x, y]) / (z if abs(z) > TINY else TINY)
+        if (epipole >= -0.5).all() and (epipole < np.array(shape[::-1]) - 0.5).all():
+            centre = on_picture(epipole, shape).round().astype(int).tolist()
             for colour, thickness in ((BLACK, 4), (WHITE, 2)):
                 cv2.circle(layer, centre, 11, opaque(colour), thickness, cv2.LINE_AA)
     return layer

@@ -159,8 +159,8 @@ class SmearGrid:
     def at(self, points: Array) -> SmearField:
         """Return the smears at pixels (N, 2), interpolated in double angle, constant beyond outer cells."""
         height, width = self.cells.shape[:2]
-        place = (np.asarray(points, float) - (self.stride - 1) / 2) / self.stride
-        column, row = np.clip(place, 0, [width - 1, height - 1]).T
+        cell = (np.asarray(points, float) - (self.stride - 1) / 2) / self.stride
+        column, row = np.clip(cell, 0, [width - 1, height - 1]).T
         left, top = np.floor(column).astype(int), np.floor(row).astype(int)
         right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
         across, down = (column - left)[:, None], (row - top)[:, None]
@@ -184,9 +184,9 @@ def _decoded(cells: NDArray[np.float32]) -> SmearField:
 
 def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
     """Return the arrays of a ``.smear.npz`` file by name: cells (h, w, 4) and blur (h, w, 6) as float16."""
-    place = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
+    scalars = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
     blur = {} if grid.blur is None else {BLUR_KEY: grid.blur.astype(np.float16)}
-    named = {name: np.array(value) for name, value in place.items()}
+    named = {name: np.array(value) for name, value in scalars.items()}
     return {GRID_KEY: grid.cells.astype(np.float16), **blur, **named}
 
 

@@ -89,18 +89,18 @@ def blur_kernels(grid: SmearGrid, blur: Blur) -> BlurKernels:
 
     angle = np.deg2rad(blur.direction_deg or 0.0)
     length = (blur.smear_px or 0.0) if blur.kind.of_camera else 0.0
-    of_whole = length * np.array([[np.cos(angle), np.sin(angle)]])
+    mean_smear = length * np.array([[np.cos(angle), np.sin(angle)]])
     defocus = np.array([(blur.defocus_px or 0.0) if blur.kind in OUT_OF_FOCUS_KINDS else 0.0])
 
-    of_cells = known.ravel()
-    reach_px = np.abs(np.concatenate([displacement[of_cells], of_whole])).max() / 2 + 1
-    reach_px += np.concatenate([radius[of_cells], defocus]).max()
+    observed = known.ravel()
+    reach_px = np.abs(np.concatenate([displacement[observed], mean_smear])).max() / 2 + 1
+    reach_px += np.concatenate([radius[observed], defocus]).max()
     side = min(2 * int(np.ceil(reach_px)) + 1, LARGEST_PX)
-    whole = motion_kernels(of_whole, defocus, side)[0]
+    whole = motion_kernels(mean_smear, defocus, side)[0]
     cells = motion_kernels(displacement, radius, side)
-    if blur.kind.of_camera and blur.direction_deg is None and of_cells.any():
-        whole = cells[of_cells].mean(axis=0)
-    cells[~of_cells] = whole
+    if blur.kind.of_camera and blur.direction_deg is None and observed.any():
+        whole = cells[observed].mean(axis=0)
+    cells[~observed] = whole
     return BlurKernels(
         whole=whole.astype(np.float32),
         cells=cells.reshape(*known.shape, side, side).astype(np.float16),

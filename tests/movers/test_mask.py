@@ -197,7 +197,7 @@ def test_what_is_in_focus_before_a_camera_at_rest_does_not_move(
     moving = Moving(
         log_odds=log_odds,
         smooth=np.zeros((40, 60), bool),
-        place_px=4,
+        block_px=4,
         camera_px=0.0,
         camera_moved=camera_moved,
         kinds=kinds,

@@ -32,8 +32,8 @@ KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved", "shallow")
 a camera at rest; nothing moves; nothing moves and the background of sharp things is out of focus."""
 SHARES = (0.16, 0.19, 0.16, 0.16, 0.16, 0.07, 0.1)
 """Shares of the kinds in training."""
-PLACE_PX, GRID = 4, 16
-"""Pixels between the places of the truth, and between values of displacement fields."""
+BLOCK_PX, GRID = 4, 16
+"""Pixels between the blocks of the truth, and between values of displacement fields."""
 STEPS_AT_ONCE = 16
 """Sub-frames that are computed together, which bounds the memory."""
 MAX_LAYERS, MAX_STEPS, MIN_STEPS = 6, 360, 9
@@ -57,7 +57,7 @@ class Sources:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerScene:
-    """A picture in linear light (H, W, 3), and its truth at places of 4 x 4 pixels (H/4, W/4), float32.
+    """A picture in linear light (H, W, 3), and its truth at blocks of 4 x 4 pixels (H/4, W/4), float32.
 
     ``moving`` is the share of what is seen that moves by itself. Of the surface that is seen most ``share``
     is its share, ``displacement`` (H/4, W/4, 2) and ``radius_px``, out of focus, are in pixels.
@@ -134,9 +134,9 @@ def layer_scene(
         acceleration=float(np.clip(rng.normal(0, 0.22), -0.6, 0.6)) if rng.random() < 0.5 else 0.0,
         device=device,
     )
-    places = size[0] // PLACE_PX, size[1] // PLACE_PX
-    shares = np.stack([cv2.resize(one, places, interpolation=cv2.INTER_AREA) for one in seen])
-    y, x = (margin + PLACE_PX * np.mgrid[: places[1], : places[0]] + 1.5).astype(np.float32) / GRID
+    blocks = size[0] // BLOCK_PX, size[1] // BLOCK_PX
+    shares = np.stack([cv2.resize(one, blocks, interpolation=cv2.INTER_AREA) for one in seen])
+    y, x = (margin + BLOCK_PX * np.mgrid[: blocks[1], : blocks[0]] + 1.5).astype(np.float32) / GRID
     each = np.stack([cv2.remap(field, x, y, cv2.INTER_LINEAR) for field in fields])
     most = shares.argmax(0)
     return LayerScene(
@@ -160,17 +160,17 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: Size) -> Lay
     is_subject = rng.random() < 0.25  # the photograph's own middle
     depth = (hollow if is_subject else slope) + rng.uniform(0, 0.35) * relief(rng, shape, 4)
     light = np.zeros_like(photograph)
-    place, shares = 3 * np.clip(depth, 0, 1), (0.0 if is_subject else 0.2, 0.35, 0.7, 1.0)
+    layer, shares = 3 * np.clip(depth, 0, 1), (0.0 if is_subject else 0.2, 0.35, 0.7, 1.0)
     for k, share in enumerate(shares):
-        weight = np.clip(1 - np.abs(place - k), 0, 1).astype(np.float32)
+        weight = np.clip(1 - np.abs(layer - k), 0, 1).astype(np.float32)
         light += weight[..., None] * defocused(rng, photograph, share * largest)
-    radius = (np.interp(place, range(4), shares) * largest).astype(np.float32)
+    radius = (np.interp(layer, range(4), shares) * largest).astype(np.float32)
     fronts = [rng.uniform(0.2, 1.2) * largest] * int(rng.integers(0, 3)) + [0.0] * int(rng.integers(1, 3))
     for own in [] if is_subject else fronts:
         front = defocused(rng, surface(rng, sources, shape, size, False), own)
         light = light * (1 - front[..., 3:]) + front[..., :3]
         radius[front[..., 3] > 0.5] = own
-    still = np.zeros((shape[0] // PLACE_PX, shape[1] // PLACE_PX), np.float32)
+    still = np.zeros((shape[0] // BLOCK_PX, shape[1] // BLOCK_PX), np.float32)
     return LayerScene(
         linear=light,
         displacement=np.zeros((*still.shape, 2), np.float32),
@@ -383,7 +383,7 @@ def swept(
 
 
 def sampled(values: Tensor, at: Tensor) -> Tensor:
-    """Return values (C, h, w) at places x, y (n, H, W, 2): (n, C, H, W); beyond the border as on it."""
+    """Return values (C, h, w) at positions x, y (n, H, W, 2): (n, C, H, W); beyond the border as on it."""
     sides = torch.tensor(values.shape[:0:-1], device=values.device) - 1
     every = values.expand(len(at), *values.shape)
     return nnf.grid_sample(every, 2 * at / sides - 1, padding_mode="border", align_corners=True)

@@ -22,15 +22,15 @@ from torch.utils.data import DataLoader, Dataset
 from blur2view.arrays import AnyArray as Array
 from blur2view.images.pixels import floats_of, gain_of, rgb_of
 from blur2view.movers.moving import (
+    BLOCK_PX,
     LEFT,
-    PLACE_PX,
-    at_cells,
-    at_places,
+    block_evidence,
+    block_gradients,
     camera_field,
+    cell_evidence,
     cell_values,
-    first_axis,
-    of_cells,
-    of_places,
+    channels_first,
+    over_cells,
 )
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
@@ -58,7 +58,7 @@ TEXTURED_SHARE = 0.25
 FOCUS_SHARE, RADIUS_PX = 0.5, (0.7, 20.0)
 """Share of pictures that are out of focus, and the radii."""
 SURFACE = 0.9
-"""Share of a place from which on it shows one surface, whose smear is valid."""
+"""Share of a block from which on it shows one surface, whose smear is valid."""
 SMOOTH_PX = 20.0
 """Deviation of the Gaussian that removes all detail from a picture, so that its noise is left."""
 SAMPLES = 4
@@ -154,7 +154,7 @@ def smear_example(rng: np.random.Generator, scene: LayerScene) -> Example:
     for k in range(2 + round(math.log2(shown.shape[1] / SMALLEST[0]))):
         cepstra, scales = polar_cepstra(power_spectra(windows_of(shown)))
         clipped = clipped_shares(torch.from_numpy(shown)[None, None])[0].numpy()
-        side = STEP // PLACE_PX * 2**k
+        side = STEP // BLOCK_PX * 2**k
         d, v, r = (cells_of(each, side) for each in (scene.displacement / 2**k, valid, total / 2**k))
         extent = np.maximum(np.hypot(d[..., 0], d[..., 1]), 2 * r).mean(-1)
         row |= {f"C{k}": cepstra, f"s{k}": np.concatenate([scales, clipped], -1)}
@@ -182,7 +182,7 @@ def photographed(rng: np.random.Generator, linear: Array) -> tuple[Array, Array,
 
 
 def cells_of(values: Array, side: int) -> Array:
-    """Return 16 samples (h, w, 16, ...) of the truth in each cell of ``side`` x ``side`` of its places."""
+    """Return 16 samples (h, w, 16, ...) of the truth in each cell of ``side`` x ``side`` of its blocks."""
     h, w = (n // side for n in values.shape[:2])
     every = side // SAMPLES
     pick = slice(every // 2, None, every)
@@ -207,12 +207,12 @@ def shows_blur(grey: Array, noise: Array, extent_px: Array) -> Array:
     shows = np.zeros(extent_px.shape, bool)
     x, y = np.meshgrid(*(STEP * np.arange(n, dtype=np.float32) + STEP / 2 for n in extent_px.shape[::-1]))
     for k in range(levels):
-        place = x / 2**k - 0.5, y / 2**k - 0.5
+        at = x / 2**k - 0.5, y / 2**k - 0.5
         region_px, powers = max(REGION_PX / 2**k, 4 * WIDE_PX), []
         for each in (grey, noise):
             narrow, wide = (cv2.GaussianBlur(each, (0, 0), sigma) for sigma in (NARROW_PX, WIDE_PX))
             band = cv2.GaussianBlur(np.asarray((narrow - wide) ** 2), (0, 0), region_px)
-            powers.append(cv2.remap(band, *place, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+            powers.append(cv2.remap(band, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
         clear = powers[0] > SIGNAL * powers[1] + MIN_SIGNAL**2
         shows[level == k] = clear[level == k]
         grey, noise = (
@@ -233,17 +233,17 @@ def mover_example(
     truth = {"moving": moving, "kind": np.array(KINDS.index(scene.kind))}
     if which == "unet":
         return truth | {
-            "image": first_axis(floats_of(image, gain_of(image))),
-            "cells": first_axis(cell_values(grid)),
-            "displacement": first_axis(scene.displacement),
+            "image": channels_first(floats_of(image, gain_of(image))),
+            "cells": channels_first(cell_values(grid)),
+            "displacement": channels_first(scene.displacement),
             "share": scene.share,
             "camera": np.array(scene.camera_moved),
         }
-    left_out, side = (1 - LEFT) * (rng.random() < LEFT_OUT_SHARE), STEP // PLACE_PX
-    motion = camera_field(grid, 1 - left_out * at_cells(moving, grid.cells.shape), rng)
+    left_out, side = (1 - LEFT) * (rng.random() < LEFT_OUT_SHARE), STEP // BLOCK_PX
+    motion = camera_field(grid, 1 - left_out * over_cells(moving, grid.cells.shape), rng)
     error = epe_s(np.kron(grid.smears().displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "places": first_axis(of_places(*at_places(rgb_of(image)), grid, motion)),
-        "cells": first_axis(of_cells(grid, motion)),
+        "places": channels_first(block_evidence(*block_gradients(rgb_of(image)), grid, motion)),
+        "cells": channels_first(cell_evidence(grid, motion)),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
 from blur2view.images.pixels import BRIGHT
-from blur2view.movers.moving import CELL_VALUES, PLACE_PX
+from blur2view.movers.moving import BLOCK_PX, CELL_VALUES
 from blur2view.networks.model_file import MOVERS, SMEAR, UNET, NetworkFormat
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
@@ -30,7 +30,7 @@ from tools.command import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.examples import Which
-from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet
+from tools.training.mover_networks import CELLS, PIXEL_BLOCKS, BlurNet, UNet
 from tools.training.reader import Reader, ReaderOptions, clipped_shares
 
 Inputs = dict[str, Tensor]
@@ -64,14 +64,14 @@ def octave_of(
 
 
 def looks_of(network: UNet, image: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
-    """Return the U-Net's log-odds of places (N, H/4, W/4), and of the camera (N,); not its smears."""
+    """Return the U-Net's log-odds of blocks (N, H/4, W/4), and of the camera (N,); not its smears."""
     said, moved = network(image, cells)
     return said[:, -1], moved
 
 
-def blurred_of(network: BlurNet, places: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+def blurred_of(network: BlurNet, blocks: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
     """Return the log-odds of the network of movers.onnx."""
-    return (network(places, cells),)
+    return (network(blocks, cells),)
 
 
 def write(
@@ -201,7 +201,7 @@ def smear_inputs(network: Reader, grey: Tensor) -> Inputs:
 
 def mover_inputs(form: NetworkFormat, rows: int, columns: int) -> Inputs:
     """Return noise as the inputs of a mover network for a number of cells."""
-    fine, coarse, zoom = (3, CELL_VALUES, STEP) if form is UNET else (PLACES, CELLS, STEP // PLACE_PX)
+    fine, coarse, zoom = (3, CELL_VALUES, STEP) if form is UNET else (PIXEL_BLOCKS, CELLS, STEP // BLOCK_PX)
     noise = torch.rand(1, fine, zoom * rows, zoom * columns), torch.rand(1, coarse, rows, columns)
     return dict(zip(form.inputs, noise, strict=True))
 

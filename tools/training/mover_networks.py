@@ -1,11 +1,11 @@
-"""The two networks that find what moves by itself (torch), both U-Nets over places of 4 x 4 pixels.
+"""The two networks that find what moves by itself (torch), both U-Nets over pixel blocks of 4 x 4.
 
 `UNet` sees the photograph. It goes down to 1/32, where the smear network's values of the cells join it and
-three blocks of attention see the whole picture, and up again to 1/4. Every place gets a smear with its
+three blocks of attention see the whole picture, and up again to 1/4. Every pixel block gets a smear with its
 deviations, and log-odds that it moves by itself; the picture gets log-odds that the camera moved.
 
 `BlurNet` sees blur against the camera's motion, as :mod:`blur2view.movers.moving` measures it, and
-gives every place two log-odds: that it moves by itself, and that its smear is read right.
+gives every pixel block two log-odds: that it moves by itself, and that its smear is read right.
 
 References
 ----------
@@ -18,20 +18,20 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.movers.moving import CELL_VALUES, PLACE_PX
+from blur2view.movers.moving import BLOCK_PX, CELL_VALUES
 
 WIDTHS, BLOCKS, ATTENTION = (32, 64, 96, 160), (1, 2, 2, 2), 3
 """Of `UNet`: channels and residual blocks of each size, from 1/4 to 1/32; blocks of attention."""
 OUTPUTS = 5
-"""Of a place: smear in double angle (2), logarithms of its deviations along and across (2), log-odds."""
-PLACES, CELLS = 15, 19
+"""Of a pixel block: smear in double angle (2), log of its deviations along and across (2), log-odds."""
+PIXEL_BLOCKS, CELLS = 15, 19
 """Channels of the inputs of `BlurNet`."""
 BLUR_WIDTHS, JOINED = (16, 24, 40, 64, 80), 3
-"""Its channels at places, and at halves of them down to twice a cell; the level of the cells."""
+"""Its channels at pixel blocks, and at halves of that size down to twice a cell; the level of the cells."""
 DROPPED = 0.1
 """Share of the cells' channels that are left out in training."""
 EDGE = 0.9, 0.25
-"""Share of a place from which on it shows one surface; weight of the smears of others."""
+"""Share of a pixel block from which on it shows one surface; weight of the smears of others."""
 SMEAR_WEIGHT, MOVING_WEIGHT, CAMERA_WEIGHT, READ_WEIGHT = 0.5, 5.0, 0.3, 0.2
 """Of the losses of smears, movers and the camera (`UNet`), and of smears that are read right (`BlurNet`)."""
 MIN_ERROR = 0.02
@@ -62,7 +62,7 @@ class Block(nn.Module):
 
 
 class Attention(nn.Module):
-    """A block of a transformer over all places of the smallest size."""
+    """A block of a transformer over all positions of the smallest size."""
 
     def __init__(self, channels: int, heads: int = 4) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ class UNet(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         pairs, last = list(zip(WIDTHS, WIDTHS[1:], strict=False)), WIDTHS[-1]
-        self.stem = convolved(3 * PLACE_PX**2, WIDTHS[0])
+        self.stem = convolved(3 * BLOCK_PX**2, WIDTHS[0])
         self.enc = nn.ModuleList(blocks(c, n) for c, n in zip(WIDTHS, BLOCKS, strict=True))
         self.down = nn.ModuleList(convolved(fine, coarse, 2, 2) for fine, coarse in pairs)
         self.cells = nn.Sequential(*convolved(CELL_VALUES + 2, last), Block(last))
@@ -104,16 +104,16 @@ class UNet(nn.Module):
         self.whole = nn.Linear(2 * last, 1)
 
     def forward(self, image: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the `OUTPUTS` of places (N, 5, H/4, W/4), and log-odds (N,) that the camera moved.
+        """Return the `OUTPUTS` of pixel blocks (N, 5, H/4, W/4), and log-odds (N,) that the camera moved.
 
         ``image`` (N, 3, H, W) is RGB in [0, 1], ``cells`` (N, 70, H/32, W/32) are
         :func:`blur2view.movers.moving.cell_values`.
         """
-        x, skips = self.stem(nnf.pixel_unshuffle(image - 0.5, PLACE_PX)), list[Tensor]()
+        x, skips = self.stem(nnf.pixel_unshuffle(image - 0.5, BLOCK_PX)), list[Tensor]()
         for enc, down in zip(self.enc, self.down, strict=False):
             skips.append(enc(x))
             x = down(skips[-1])
-        x = self.join(torch.cat([self.enc[-1](x), self.cells(torch.cat([cells, places(cells)], 1))], 1))
+        x = self.join(torch.cat([self.enc[-1](x), self.cells(torch.cat([cells, positions(cells)], 1))], 1))
         for att, mid in zip(self.att, self.mid, strict=True):
             x = mid(att(x))
         whole = self.whole(torch.cat([x.mean((2, 3)), x.amax((2, 3))], 1))
@@ -128,7 +128,7 @@ def blocks(channels: int, count: int) -> nn.Sequential:
     return nn.Sequential(*(Block(channels) for _ in range(count)))
 
 
-def places(cells: Tensor) -> Tensor:
+def positions(cells: Tensor) -> Tensor:
     """Return x and y of every cell (N, 2, h, w), from -1 to 1; -1 along an axis of one cell."""
     ones = torch.ones_like(cells[:, :1])
     steps = torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 1
@@ -142,9 +142,10 @@ class BlurNet(nn.Module):
         super().__init__()
         pairs = list(zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False))
         joined, last = BLUR_WIDTHS[JOINED], BLUR_WIDTHS[-1]
-        self.of_places, self.of_cells = (nn.BatchNorm2d(n, affine=False) for n in (PLACES, CELLS))
+        # named as in the checkpoints that exist
+        self.of_places, self.of_cells = (nn.BatchNorm2d(n, affine=False) for n in (PIXEL_BLOCKS, CELLS))
         self.dropout = nn.Dropout2d(DROPPED)
-        self.first = convolved(PLACES, BLUR_WIDTHS[0])
+        self.first = convolved(PIXEL_BLOCKS, BLUR_WIDTHS[0])
         self.down = nn.ModuleList(
             nn.Sequential(convolved(before, after, stride=2), convolved(after, after))
             for before, after in pairs
@@ -155,9 +156,9 @@ class BlurNet(nn.Module):
         self.up = nn.ModuleList(convolved(2 * width, width) for width in BLUR_WIDTHS[:-1])
         self.last = nn.Conv2d(BLUR_WIDTHS[0], 2, 1)
 
-    def forward(self, places: Tensor, cells: Tensor) -> Tensor:
-        """Return log-odds (N, 2, 8 h, 8 w) of places (N, 15, 8 h, 8 w) and cells (N, 19, h, w)."""
-        x = self.first(self.of_places(places))
+    def forward(self, pixel_blocks: Tensor, cells: Tensor) -> Tensor:
+        """Return log-odds (N, 2, 8 h, 8 w) of pixel blocks (N, 15, 8 h, 8 w) and cells (N, 19, h, w)."""
+        x = self.first(self.of_places(pixel_blocks))
         levels = [x]
         for k, down in enumerate(self.down, 1):
             x = down(x)
@@ -185,7 +186,7 @@ def smear_loss(said: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Return the mean error of smears, along and across, and Student's loss of their stated deviations.
 
     ``said`` (N, 4, ...) and ``target`` (N, 2, ...) are `compressed`. The deviations have no gradient in the
-    smears: else places that stand still would count hundreds of times as much as others.
+    smears: else blocks that stand still would count hundreds of times as much as others.
     """
     error, spread = said[:, :2] - target, said[:, 2:4].clamp(-4, 2)
     unit = nnf.normalize(target, dim=1, eps=1e-3)
@@ -211,8 +212,8 @@ def mover_loss(said: tuple[Tensor, Tensor] | Tensor, batch: dict[str, Tensor]) -
     if isinstance(said, Tensor):
         moves, reads = (cross_entropy(said[:, k], batch[name]) for k, name in enumerate(("moving", "read")))
         return moves + READ_WEIGHT * reads
-    places, camera = (one.float() for one in said)
+    pixel_blocks, camera = (one.float() for one in said)
     weight = torch.where(batch["share"] > EDGE[0], 1.0, EDGE[1])
-    smears = smear_loss(places[:, :4], compressed(batch["displacement"]), weight)
-    moving, moved = cross_entropy(places[:, 4], batch["moving"]), cross_entropy(camera, batch["camera"])
+    smears = smear_loss(pixel_blocks[:, :4], compressed(batch["displacement"]), weight)
+    moving, moved = cross_entropy(pixel_blocks[:, 4], batch["moving"]), cross_entropy(camera, batch["camera"])
     return SMEAR_WEIGHT * smears + MOVING_WEIGHT * moving + CAMERA_WEIGHT * moved

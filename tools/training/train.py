@@ -182,8 +182,8 @@ def mover_figures_of(network: nn.Module, held: list[Batch]) -> Figures:
     rows: dict[str, list[float]] = {}
     for batch in held:
         outputs, _ = outputs_of(network, batch)
-        places = outputs[0][:, 4] if isinstance(outputs, tuple) else outputs[:, 0]
-        rows_of = places.float().cpu().numpy(), batch["moving"].numpy() > 0.5, batch["kind"]
+        log_odds = outputs[0][:, 4] if isinstance(outputs, tuple) else outputs[:, 0]
+        rows_of = log_odds.float().cpu().numpy(), batch["moving"].numpy() > 0.5, batch["kind"]
         for odds, moves, kind in zip(*rows_of, strict=True):
             if moves.any():
                 name, value = "precision", average_precision(odds.ravel(), moves.ravel())
