@@ -4,6 +4,20 @@ import os
 import sys
 import warnings
 
+# MiB of address space, which `ulimit -v` may limit: no command works with less, and of 385 to 640 OpenBLAS or
+# the loader end the process without a line, or it hangs
+LEAST_MIB = 700
+
+
+def address_space_mib() -> float:
+    """Return how much address space this process may have, MiB; infinite where the system has no limit."""
+    try:
+        import resource
+    except ImportError:
+        return float("inf")
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if limit == resource.RLIM_INFINITY else limit / 2**20
+
 
 def program() -> int:
     """Return the exit code of the command line in a process of its own, where nobody else prints."""
@@ -19,6 +33,12 @@ def program() -> int:
         # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led
         sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        if (limit := address_space_mib()) < LEAST_MIB:
+            print(
+                f"blur2view: an address space of {limit:.0f} MiB is too little; allow more with ulimit -v",
+                file=sys.stderr,
+            )
+            return 1
         from blur2view.cli.commands import main
         from blur2view.cli.terminal import INTERRUPTED
 

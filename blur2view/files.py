@@ -40,6 +40,7 @@ SIGNATURES = (
 NOTES = ".blur2view.sha256"  # of a folder: digests of what was written there and has no signature
 HALF = ".blur2view.tmp"  # how names of half-written files end
 LOCK_S, PAUSE_S = 10.0, 0.02  # bound of waiting for another call that writes in a folder, and between looks
+READ_WHOLE, READ_PART = 4 << 30, 256 << 20  # bytes: of a larger file's start and end `quick_digest` is made
 SIGNATURE_BYTES = 1 << 20  # bound; bytes at the start of a file that are searched for a signature
 
 
@@ -105,6 +106,19 @@ def _without_texts(png: bytes) -> bytes:
             kept.append(png[start:end])
         start = end
     return b"".join(kept)
+
+
+def quick_digest(path: Path) -> str:
+    """Return the SHA-256 of a regular file, of one that takes long to read of its size, start and end."""
+    size = path.stat().st_size
+    if size <= READ_WHOLE:
+        return file_digest(path)
+    digest = hashlib.sha256(b"%d" % size)
+    with open_regular(path) as file:
+        for at in (0, size - READ_PART):
+            file.seek(at)
+            digest.update(file.read(READ_PART))
+    return digest.hexdigest()
 
 
 def file_digest(path: Path) -> str:
@@ -301,6 +315,29 @@ def write_beside(files: Mapping[Path, bytes], *, noted: bool = False) -> None:
         write_files(files, noted=noted)
     except OSError as error:
         raise unwritable(list(files)[-1].parent, error) from error
+
+
+def checked_line(text: str) -> str:
+    """Return a line that `checked_lines` knows to be whole."""
+    return f"{hashlib.sha256(text.encode()).hexdigest()[:16]} {text}\n"
+
+
+def checked_lines(path: Path) -> list[str]:
+    """Return the texts of a file's lines but those that were cut or changed; none of no file."""
+    with suppress(OSError):
+        lines = read_regular(path).decode("utf-8", "replace").splitlines(keepends=True)
+        texts = [(line, line.partition(" ")[2].removesuffix("\n")) for line in lines]
+        return [text for line, text in texts if checked_line(text) == line]
+    return []
+
+
+def add_checked_line(path: Path, text: str) -> None:
+    """Add a line to a file, which is whole or left out by `checked_lines`; OutputError if that fails."""
+    try:
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(checked_line(text))
+    except OSError as error:
+        raise unwritable(path.parent, error) from error
 
 
 def unwritable(folder: Path, error: OSError) -> OutputError:

@@ -18,7 +18,7 @@ PACKAGE = ROOT / "blur2view"
 
 # A row uses only rows above it; within a row nothing is used across rooms.
 ROWS = [
-    "arrays errors",
+    "__init__ arrays errors",
     "files",
     "camera smears",
     "geometry images",
@@ -29,7 +29,6 @@ ROWS = [
     "exposure",
     "results",
     "colmap",
-    "__init__",
     "reconstruction",
     "cli",
     "__main__",

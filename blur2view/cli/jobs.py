@@ -17,12 +17,11 @@ from typing import Any
 from blur2view.cli.executors import Restarted, Shared, connected, processes, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
 from blur2view.exposure.sequence import Features, Matches, Series
-from blur2view.files import file_digest, open_regular, write_beside
+from blur2view.files import quick_digest, write_beside
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.results.record import Record
 
-READ_WHOLE, READ_PART = 4 << 30, 256 << 20  # bytes: of a larger video's start and end the digest is made
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 """Errors after which the next photograph's files would not fit either."""
@@ -271,18 +270,8 @@ def _digest_of(path: Path) -> str:
 
 @lru_cache(maxsize=8)
 def _digest(path: Path, size: int, changed_ns: int) -> str:
-    """Return the SHA-256 of a file as it was changed last: each frame of a video asks for it.
-
-    Of a file that takes long to read it is that of its size, start and end.
-    """
-    if size <= READ_WHOLE:
-        return file_digest(path)
-    digest = hashlib.sha256(b"%d" % size)
-    with open_regular(path) as file:
-        for at in (0, size - READ_PART):
-            file.seek(at)
-            digest.update(file.read(READ_PART))
-    return digest.hexdigest()
+    """Return the digest of a file as it was changed last: each frame of a video asks for it."""
+    return quick_digest(path)
 
 
 def _read(job: Job) -> Job:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import rare_option, required, share
-from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.terminal import complain, plural, printable, waiting
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
 from blur2view.files import writable_folder
@@ -53,7 +53,7 @@ class PlaceOptions:
         from blur2view.exposure.sequence import frame_names
 
         with waiting("placing views", hidden=self.printing.quiet):
-            names, model = frame_names(self.photographs), find_model(self.model)
+            names, model = frame_names(self.photographs), find_model(self.model, complain)
             refuse_other_model(self.output, model)
             writable_folder(self.output)
             found = place_views(self.database, model, names, self.fraction)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from blur2view import __version__
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.place import refused_lines
@@ -84,7 +83,11 @@ class RecoverOptions:
         from blur2view.networks.model_file import usable_cores
         from blur2view.networks.smear_network import SmearNetwork
 
-        names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
+        names, model, tracks = (
+            frame_names(self.photographs),
+            find_model(self.model, complain),
+            self.output / TRACKS,
+        )
         refuse_other_model(self.output, model)
         writable_folder(self.output)
         if self.tracks is not None:
@@ -98,7 +101,7 @@ class RecoverOptions:
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
             sequence = FrameSequence(model, self.photographs, names, SmearNetwork())
-            notes = Notes(self.output / NOTES, sequence, version=__version__)
+            notes = Notes(self.output / NOTES, sequence)
             try:
                 recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
             except KeyboardInterrupt:
@@ -121,6 +124,9 @@ class RecoverOptions:
             notes.remove()
         if not quiet:
             self._print(found, model, len(names), tracked=self.tracks is not None and not interrupted)
+            if self.database is None and known is not None and found.recovered.keys() & known.images.keys():
+                # COLMAP's mappers refuse images that have another number of keypoints than the database
+                print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
         if interrupted:
             done = len(found.registered) + len(found.recovered) + len(found.refused)
             left = plural(len(names) - done, "frame")

@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from blur2view.arrays import white_of
-from blur2view.errors import OutputError
+from blur2view.errors import ImageError, OutputError
 from blur2view.exposure.sequence import frame_names
 from blur2view.files import open_picture, unwritable
 from blur2view.images.image import read_content, read_picture
@@ -58,7 +58,7 @@ def write_stretched(
     Raises
     ------
     ImageError
-        If a photograph cannot be read.
+        If a photograph cannot be read, or is dull and RAW, which cannot be written.
     OutputError
         If a file exists, or cannot be written.
     """
@@ -73,7 +73,7 @@ def write_stretched(
                 stretched.append(name)
             else:
                 _link(frames / name, target)
-        except (OSError, ValueError) as error:  # ValueError: of a suffix that Pillow does not write
+        except (OSError, ValueError) as error:  # ValueError: of EXIF data that Pillow does not write
             why = error if isinstance(error, OSError) else OSError(0, str(error))
             raise unwritable(target.parent, why) from None
     return tuple(stretched)
@@ -88,6 +88,8 @@ def _write_if_dull(path: Path, target: Path) -> bool:
     if high - low >= MIN_RANGE:
         return False
     picture = Image.fromarray(np.asarray(cv2.createCLAHE(CONTRAST_LIMIT, TILES).apply(grey), np.uint8))
+    if target.suffix.lower() not in Image.registered_extensions():
+        raise ImageError(f"{path}: is dull, and {target.suffix} cannot be written; develop it to JPEG or PNG")
     picture.save(target, quality=JPEG_QUALITY, exif=open_picture(content).getexif().tobytes())
     return True
 

@@ -3,8 +3,7 @@
 import os
 import re
 import shutil
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -136,19 +135,25 @@ def _check_number_of_points(path: Path) -> None:
         raise ValueError(f"{path.name} says {stated[0]} points and holds {count}")
 
 
-def find_model(folder: Path) -> Path:
+def find_model(folder: Path, pass_over: Callable[[DatabaseError], None] = lambda error: None) -> Path:
     """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
 
-    Damaged ones are passed over unless all are.
+    Damaged ones are passed over unless all are; ``pass_over`` gets the error of each.
     """
     below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
     if holds_model(folder) or not below:
         return folder
-    sizes = dict[Path, int]()
+    sizes, damaged = dict[Path, int](), list[DatabaseError]()
     for path in below:
-        with suppress(DatabaseError):
+        try:
             sizes[path] = len(photographs_of(read_model(path)))
-    return max(sizes, key=lambda path: sizes[path]) if sizes else below[0]
+        except DatabaseError as error:
+            damaged.append(error)
+    if not sizes:
+        return below[0]
+    for defect in damaged:
+        pass_over(DatabaseError(f"{defect}; it is passed over"))
+    return max(sizes, key=lambda path: sizes[path])
 
 
 def holds_model(folder: Path) -> bool:

@@ -17,10 +17,19 @@ from typing import Any
 import cv2
 import numpy as np
 
+from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from blur2view.errors import OutputError, RunError
-from blur2view.files import file_digest, is_ours, unwritable, write_file
+from blur2view.files import (
+    add_checked_line,
+    checked_line,
+    checked_lines,
+    file_digest,
+    is_ours,
+    unwritable,
+    write_file,
+)
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 
 GENERATOR = "blur2view recover"
@@ -34,32 +43,28 @@ TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
 class Notes:
     """A file of results, one frame a line, so that a call that was interrupted goes on where it stopped.
 
-    The first line says of which call and which ``version`` of the program they are. OutputError if the file
-    is somebody else's.
+    The first line says of which call and which version of the program they are; what was damaged since is
+    done again. OutputError if the file is somebody else's.
     """
 
-    def __init__(self, path: Path, sequence: FrameSequence, *, version: str = "") -> None:
-        self.path, self.first, self.results = path, _first_line(sequence, version), dict[str, Result]()
+    def __init__(self, path: Path, sequence: FrameSequence) -> None:
+        self.path, self.first, self.results = path, _first_line(sequence), dict[str, Result]()
         if os.path.lexists(path) and not is_ours(path):
             raise OutputError(f"{path}: already exists and was not written by blur2view; name another")
-        lines = path.read_text().split("\n")[:-1] if path.is_file() else []  # the last may be cut
+        lines = checked_lines(path)
         if lines[:1] == [self.first]:
             self.results = dict(_read_line(line) for line in lines[1:])
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(path.parent, error) from None
-        content = "".join(f"{line}\n" for line in (lines if self.results else [self.first]))
+        content = "".join(map(checked_line, lines if self.results else [self.first]))
         write_file(path, content.encode())  # whole or not at all, so that no result is lost on the way
 
     def add(self, name: str, result: Result) -> None:
         """Note a frame's result."""
         self.results[name] = result
-        try:
-            with open(self.path, "a") as file:
-                file.write(_line(name, result) + "\n")
-        except OSError as error:
-            raise unwritable(self.path.parent, error) from None
+        add_checked_line(self.path, _line(name, result))
 
     def remove(self) -> None:
         """Remove the file, and its folder if nothing else is there."""
@@ -158,13 +163,13 @@ def _try_frame(name: str, poses: Mapping[str, Array]) -> Result:
     return sequence.try_frame(name)
 
 
-def _first_line(sequence: FrameSequence, version: str) -> str:
+def _first_line(sequence: FrameSequence) -> str:
     """Return the line that stands for a call: its model, frames, network and version."""
     model = {path.name: file_digest(path) for path in sorted(sequence.source.iterdir()) if path.is_file()}
     states = [(sequence.folder / name).stat() for name in sequence.times if (sequence.folder / name).exists()]
     frames = list(sequence.times), [(state.st_size, state.st_mtime_ns) for state in states]
     network = getattr(sequence.network, "model_id", "")
-    call = sha256(repr((model, frames, network, version)).encode("utf-8", "surrogateescape")).hexdigest()
+    call = sha256(repr((model, frames, network, __version__)).encode("utf-8", "surrogateescape")).hexdigest()
     return json.dumps({"generator": GENERATOR, "call_sha256": call})
 
 

@@ -27,7 +27,15 @@ from blur2view.colmap.models import ids_of, read_model, write_model
 from blur2view.colmap.recovery import recovery_of
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.errors import DatabaseError, ImageError, OutputError
-from blur2view.files import file_digest, writable_folder, write_beside, write_file
+from blur2view.files import (
+    add_checked_line,
+    checked_line,
+    checked_lines,
+    quick_digest,
+    writable_folder,
+    write_beside,
+    write_file,
+)
 from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source
 from blur2view.movers.mask import MaskFormat
@@ -226,7 +234,7 @@ def reconstruct(
 def _digest(video: Path, listed: Mapping[str, Source], options: ReconstructionOptions) -> str:
     """Return the SHA-256 of the frames' content and of the options."""
     files = [video] if video.is_file() else [source.path for source in listed.values()]
-    every = __version__, [file_digest(file) for file in files], list(listed), options
+    every = __version__, [quick_digest(file) for file in files], list(listed), options
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
 
@@ -234,14 +242,12 @@ def _look(
     images: Path, names: Sequence[str], notes: Path, network: SmearReader, step: Step
 ) -> dict[str, tuple[str, float | None]]:
     """Return what blurred each frame, and the length of its smear; ``notes`` keep what is done."""
-    found = dict[str, tuple[str, float | None]]()
-    if notes.is_file():
-        found = {
-            name: (kind, smear) for name, kind, smear in map(json.loads, notes.read_text().split("\n")[:-1])
-        }
-        write_file(notes, "".join(json.dumps([name, *found[name]]) + "\n" for name in found).encode())
-    notes.parent.mkdir(parents=True, exist_ok=True)
-    with step("reading blur") as show, open(notes, "a") as file:
+    lines = checked_lines(notes)
+    found: dict[str, tuple[str, float | None]] = {
+        name: (kind, smear) for name, kind, smear in map(json.loads, lines)
+    }
+    write_file(notes, "".join(map(checked_line, lines)).encode())
+    with step("reading blur") as show:
         for done, name in enumerate(names):
             show(done, len(names))
             if name in found:
@@ -251,8 +257,7 @@ def _look(
             blur = seen.blur
             smear_px = blur.smear_px if blur.kind.of_camera else 0.0
             found[name] = str(blur.kind), None if smear_px is None else float(smear_px)
-            file.write(json.dumps([name, *found[name]]) + "\n")
-            file.flush()
+            add_checked_line(notes, json.dumps([name, *found[name]]))
     return found
 
 

@@ -1,5 +1,6 @@
 """The folder of a scene, and which steps of its making are done: a call that was ended goes on."""
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -33,8 +34,10 @@ class Scene:
             return
         try:
             known = json.loads(state.read_bytes())
-            self.steps, same = dict(known["steps"]), known["call"] == call
-        except (OSError, ValueError, TypeError, LookupError):
+            self.steps, same = known["steps"], known["call"] == call
+            if known["sha256"] != self._digest():
+                raise ValueError("has changed")
+        except (OSError, ValueError, TypeError, LookupError, RecursionError):
             raise OutputError(f"{state}: is damaged; remove the folder, or name a new one with -o") from None
         if not same:
             raise OutputError(
@@ -63,4 +66,9 @@ class Scene:
     def _write(self) -> None:
         """Note the steps that are done."""
         content = {"generator": f"blur2view {__version__}", "call": self.call, "steps": self.steps}
+        content["sha256"] = self._digest()
         write_file(self.folder / STATE, (json.dumps(content) + "\n").encode())
+
+    def _digest(self) -> str:
+        """Return the SHA-256 of the steps that are done, by which damage is known."""
+        return hashlib.sha256(json.dumps(self.steps).encode()).hexdigest()

@@ -2,7 +2,9 @@
 
 import shlex
 import subprocess
+import sys
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,8 @@ import numpy as np
 import pytest
 
 from blur2view.cli import run as over_photographs
-from blur2view.cli.jobs import _digest_of
 from blur2view.cli.to_transforms import ToTransformsOptions
+from blur2view.files import quick_digest
 from blur2view.pipeline import estimate
 from tests.support.calls import Call, call_program
 from tests.support.many_photographs import command, environment
@@ -112,7 +114,19 @@ def test_little_memory_is_one_line_without_an_option_that_is_not_there(
 def test_a_video_of_a_tebibyte_is_not_read_whole(tmp_path: Path) -> None:
     with (tmp_path / "clip.mp4").open("wb") as video:
         video.truncate(1 << 40)
-    first = _digest_of(tmp_path / "clip.mp4")
+    first = quick_digest(tmp_path / "clip.mp4")
     with (tmp_path / "clip.mp4").open("r+b") as video:
         video.write(b"otherwise")
-    assert len(first) == 64 and _digest_of(tmp_path / "clip.mp4") != first
+    assert len(first) == 64 and quick_digest(tmp_path / "clip.mp4") != first
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="it limits no address space")
+@pytest.mark.parametrize("words", [("recover", "model", "frames", "-o", "all"), ("--version",)])
+def test_an_address_space_in_which_libraries_end_in_silence_is_one_line(words: Sequence[str]) -> None:
+    limited = f"ulimit -v {400 << 10}; exec {shlex.join([sys.executable, '-m', 'blur2view', *words])}"
+    done = subprocess.run(limited, shell=True, env=environment(), capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        "blur2view: an address space of 400 MiB is too little; allow more with ulimit -v\n"
+    )

@@ -1,5 +1,6 @@
 """``blur2view recover``: what it prints and writes, with the network that ships."""
 
+import shutil
 from pathlib import Path
 
 import pycolmap
@@ -84,3 +85,17 @@ def test_database_that_is_there_is_not_replaced_by_tracks(
     assert tracks.read_bytes() == b"mine" and list(tmp_path.iterdir()) == [tracks]
     done = call_program(capsys, *words[:-2], "--tracks", tmp_path / "none.db", "-o", tmp_path / "other")
     assert done == 1 and "none.db: no such database" in done.line and not (tmp_path / "other").exists()
+
+
+def test_a_project_that_mappers_would_refuse_to_go_on_with_is_named_with_the_option(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, project = shutil.copytree(video / "model", tmp_path / "model"), tmp_path / "project.db"
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=64, height=64, params=[64, 32, 32], camera_id=1)
+    with pycolmap.Database.open(project) as opened:
+        opened.write_camera(camera)
+        opened.write_image(pycolmap.Image(name=PLANE.names[3], camera_id=1))
+    (model / "project.ini").write_text(f"database_path={project}\n")
+    done = call_program(capsys, "recover", model, video / "frames", "-o", tmp_path / "all", "--jobs", 1)
+    assert done == 0
+    assert done.out.splitlines()[-1] == f"to map on with {project}, add --db {project}"

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from blur2view.colmap import contrast
 from blur2view.colmap.contrast import write_stretched
-from blur2view.errors import OutputError
+from blur2view.errors import ImageError, OutputError
+from blur2view.images.image import Picture
 
 NOISE = np.random.default_rng(0).uniform(0, 255, (120, 160))
 
@@ -38,3 +40,15 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"a.png: exists; name another folder"):
         write_stretched(frames, copies)
     assert (copies / "a.png").read_bytes() == mine
+
+
+def test_a_dull_raw_photograph_is_named_and_not_the_folder_of_copies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = tmp_path / "frames"
+    write(frames, "a.png", NOISE / 3)
+    (frames / "a.png").rename(frames / "a.dng")
+    picture = Picture(pixels=np.zeros((120, 160, 3), np.uint16))
+    monkeypatch.setattr(contrast, "read_picture", lambda path, **options: picture)
+    with pytest.raises(ImageError, match=r"frames/a\.dng: is dull, and \.dng cannot be written; develop it"):
+        write_stretched(frames, tmp_path / "copies")

@@ -13,6 +13,7 @@ import pytest
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera import to_colmap
+from blur2view.colmap import recovery_run
 from blur2view.colmap.blurred_pose import BlurredPose
 from blur2view.colmap.blurred_tracks import check_project, track_frames
 from blur2view.colmap.frame_sequence import (
@@ -191,7 +192,7 @@ def test_a_killed_call_goes_on_to_the_same_model(
 
 
 def test_notes_of_another_call_begin_anew_and_other_files_stay(
-    folder: Path, network: ExactSmears, tmp_path: Path
+    folder: Path, network: ExactSmears, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     notes, mine = tmp_path / "notes.jsonl", tmp_path / "mine.jsonl"
     sequence = FrameSequence(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
@@ -201,10 +202,25 @@ def test_notes_of_another_call_begin_anew_and_other_files_stay(
     assert Notes(notes, fewer).results == {}
     mine.write_text("mine")
     Notes(notes, sequence).add(PLANE.names[3], "of this version")
-    assert Notes(notes, sequence, version="another").results == {}
+    monkeypatch.setattr(recovery_run, "__version__", "another")
+    assert Notes(notes, sequence).results == {}
     with pytest.raises(OutputError, match="was not written by blur2view"):
         Notes(mine, sequence)
     assert mine.read_text() == "mine"
+
+
+def test_a_note_that_was_damaged_since_is_done_again_and_the_others_are_kept(
+    folder: Path, network: ExactSmears, tmp_path: Path
+) -> None:
+    path, names = tmp_path / "notes.jsonl", PLANE.names
+    sequence = FrameSequence(folder / "model", folder / "frames", names, network)  # type: ignore[arg-type]
+    notes = Notes(path, sequence)
+    for name in names[:4]:
+        notes.add(name, f"why {name}")
+    first, second, third, fourth, fifth = path.read_bytes().splitlines(keepends=True)
+    third = third.replace(b"why", b"WHY")
+    path.write_bytes(first + second[:-9] + b"\xff\n" + third + fourth + fifth[:-5])
+    assert Notes(path, sequence).results == {names[2]: f"why {names[2]}"}
 
 
 def write_whole_project(path: Path, model: pycolmap.Reconstruction, lacking: int) -> None:

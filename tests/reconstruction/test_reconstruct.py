@@ -91,6 +91,15 @@ def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
         Scene(tmp_path / "scene", "another")
 
 
+def test_a_state_that_was_changed_is_refused_in_one_line(tmp_path: Path) -> None:
+    scene = Scene(tmp_path / "scene", "call")
+    scene.step("choose", [], lambda: {"frames": ["a.png"]})
+    state = tmp_path / "scene" / STATE
+    state.write_text(state.read_text().replace("frames", "Frames"))
+    with pytest.raises(OutputError, match="is damaged; remove the folder"):
+        Scene(tmp_path / "scene", "call")
+
+
 def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="lies in the folder of the frames"):
         reconstruct(tmp_path, tmp_path / "scene")
