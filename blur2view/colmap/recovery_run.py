@@ -140,12 +140,17 @@ _SEQUENCE: list[FrameSequence] = []  # of a process that was started
 
 
 def _begin(stop: Any, model: Path, frames: Path, names: Sequence[str], network: SmearReader | Path) -> None:
-    """Prepare a process: it leaves Ctrl-C to its parent, ends with it, and uses one thread."""
-    signal(SIGINT, SIG_IGN)
-    Thread(target=_end_with_parent, args=(stop,), daemon=True).start()
+    """Prepare a process, which uses one thread."""
+    follow_parent(stop)
     cv2.setNumThreads(1)
     reader = SmearNetwork(network, threads=1) if isinstance(network, Path) else network
     _SEQUENCE[:] = [FrameSequence(model, frames, names, reader)]
+
+
+def follow_parent(stop: Any) -> None:
+    """Leave Ctrl-C to the parent of this process, and end with it, or when the event ``stop`` is set."""
+    signal(SIGINT, SIG_IGN)
+    Thread(target=_end_with_parent, args=(stop,), daemon=True).start()
 
 
 def _end_with_parent(stop: Any) -> None:

@@ -1,16 +1,18 @@
 """COLMAP's features, matches and model of the chosen frames, made in a folder and repeatable."""
 
+import os
 import sqlite3
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
-from blur2view.errors import DatabaseError
+from blur2view.colmap.recovery_run import follow_parent
+from blur2view.errors import DatabaseError, RunError
 
 EXHAUSTIVE = 150  # frames up to which all pairs are matched
 LOOP_STEP = 10  # one in so many frames is matched with all others of these, which finds loops
@@ -19,22 +21,45 @@ STILL_WAY = 0.02  # of the picture's side: a camera whose picture moves less all
 PANORAMIC = (4, 5, 6)  # COLMAP's configurations of planes, rotations, and either
 
 
-def waited_for(call: Callable[..., Any], *given: Any, token: bool = True, **options: Any) -> Any:
-    """Return what a call of pycolmap returns; Ctrl-C ends it at once."""
+def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
+    """Return what a function returns that a process of its own runs: Ctrl-C, which pycolmap ignores, ends it.
+
+    RunError if the process dies.
+    """
     import pycolmap
 
-    stop = pycolmap.CancellationToken()
-    if token:
-        options["cancellation_token"] = stop
-    with ThreadPoolExecutor(1) as pool:
-        future = pool.submit(call, *given, **options)
-        try:
-            while True:
-                with suppress(TimeoutError):
-                    return future.result(0.2)
-        except BaseException:
-            stop.cancel()
-            raise
+    context = get_context("spawn")
+    answers, answer = context.Pipe(duplex=False)
+    start = context.Event(), answer, pycolmap.logging.minloglevel, call, given, options
+    os.environ["PYTHONSAFEPATH"] = "1"  # it imports no module of the current folder
+    process = context.Process(target=_answer, args=start)
+    process.start()
+    answer.close()
+    try:
+        result = answers.recv()
+    except EOFError:
+        remedy = "give it fewer frames with --frames"
+        raise RunError(f"COLMAP's process died, perhaps of too little memory; {remedy}") from None
+    finally:
+        process.kill()
+        process.join()
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+def _answer(
+    stop: Any, answer: Any, log_level: int, call: Callable[..., Any], given: Any, options: Any
+) -> None:
+    """Send what a function returns or raises."""
+    import pycolmap
+
+    follow_parent(stop)
+    pycolmap.logging.minloglevel = log_level
+    try:
+        answer.send(call(*given, **options))
+    except Exception as error:
+        answer.send(error)
 
 
 def match(
@@ -45,6 +70,12 @@ def match(
     ``camera`` is COLMAP's model and parameters, empty if unknown. ``blurred`` frames are read as
     `blurred_options` says, and all matched.
     """
+    in_process(_match, database, images, names, camera, blurred)
+
+
+def _match(
+    database: Path, images: Path, names: Sequence[str], camera: tuple[str, str], blurred: bool
+) -> None:
     import pycolmap
 
     database.parent.mkdir(parents=True, exist_ok=True)
@@ -62,8 +93,7 @@ def match(
     verifying = pycolmap.TwoViewGeometryOptions()
     verifying.ransac.random_seed = SEED
     common: dict[str, Any] = {"matching_options": matching, "verification_options": verifying}
-    waited_for(
-        pycolmap.extract_features,
+    pycolmap.extract_features(
         database,
         images,
         image_names=list(names),
@@ -72,14 +102,14 @@ def match(
         extraction_options=features,
     )
     if blurred or len(names) <= EXHAUSTIVE:
-        waited_for(pycolmap.match_exhaustive, database, **common)
+        pycolmap.match_exhaustive(database, **common)
         return
-    waited_for(pycolmap.match_sequential, database, **common)
+    pycolmap.match_sequential(database, **common)
     every = list(names)[::LOOP_STEP]
     pairs = database.with_suffix(".pairs.txt")
     pairs.write_text("".join(f"{a} {b}\n" for k, a in enumerate(every) for b in every[k + 1 :]))
     listed = pycolmap.ImportedPairingOptions(match_list_path=pairs)
-    waited_for(pycolmap.match_image_pairs, database, pairing_options=listed, **common)
+    pycolmap.match_image_pairs(database, pairing_options=listed, **common)
     pairs.unlink()
 
 
@@ -87,18 +117,30 @@ def mapped(database: Path, images: Path, folder: Path, *, mapper: str, camera_kn
     """Return the models of a database, the one with most images first; none if no pair is good enough."""
     import pycolmap
 
+    count = in_process(_map, database, images, folder, mapper, camera_known)
+    models = [pycolmap.Reconstruction(folder / str(number)) for number in range(count)]
+    return sorted(models, key=lambda model: -model.num_reg_images())
+
+
+def _map(database: Path, images: Path, folder: Path, mapper: str, camera_known: bool) -> int:
+    """Write models into numbered folders; return how many."""
+    import pycolmap
+
     folder.mkdir(parents=True, exist_ok=True)
     if mapper == "global":
         at_once = pycolmap.GlobalPipelineOptions(random_seed=SEED, num_threads=1)
         solver = at_once.mapper.bundle_adjustment.ceres.solver_options
         solver.max_solver_time_in_seconds = SOLVER_SECONDS
-        models = waited_for(pycolmap.global_mapping, database, images, folder, at_once, token=False)
+        models = pycolmap.global_mapping(database, images, folder, at_once)
     else:
         options = pycolmap.IncrementalPipelineOptions(random_seed=SEED, num_threads=1, min_model_size=3)
         if camera_known:
             options.ba_refine_focal_length = options.ba_refine_extra_params = False
-        models = waited_for(pycolmap.incremental_mapping, database, images, folder, options)
-    return sorted(models.values(), key=lambda model: -model.num_reg_images())
+        models = pycolmap.incremental_mapping(database, images, folder, options)
+    for number, model in models.items():
+        (folder / str(number)).mkdir(exist_ok=True)
+        model.write(folder / str(number))
+    return len(models)
 
 
 def why_no_model(database: Path, way: float) -> str:

@@ -1,12 +1,13 @@
 """Masks of what moves by itself in the frames of a scene, under the names that programs look for."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePath
 
 import cv2
 import numpy as np
 
+from blur2view.arrays import AnyArray
 from blur2view.files import read_regular, write_file
 from blur2view.images.image import read_picture
 from blur2view.movers.mask import MaskFormat
@@ -15,6 +16,7 @@ from blur2view.pipeline import estimate, segment
 from blur2view.results.overlay import png
 
 MASKS = "masks"  # folder of a scene
+REACH = 0.1  # of the picture's longer side that what moves may get ahead from frame to frame
 
 
 def write_masks(
@@ -24,6 +26,7 @@ def write_masks(
     work: Path,
     network: SmearReader,
     *,
+    consecutive: bool = False,
     beside: bool = False,
     show: Callable[[int, int], None] = lambda done, count: None,
 ) -> list[str]:
@@ -31,7 +34,8 @@ def write_masks(
 
     All frames get one then, as nerfstudio wants all or none: NAME.jpg.png for COLMAP, NAME.png for
     nerfstudio's reader of COLMAP's models unless two frames have that stem; ``beside`` the frames also
-    instant-ngp's. ``work`` keeps what is done of a call that was ended.
+    instant-ngp's. What moves in one of ``consecutive`` frames does so in the one before or after it, too,
+    else it is a mistake. ``work`` keeps what is done of a call that was ended.
     """
     for done, name in enumerate(names):
         show(done, len(names))
@@ -44,6 +48,9 @@ def write_masks(
     pictures = {
         name: np.asarray(cv2.imdecode(np.frombuffer(mask, np.uint8), -1)) for name, mask in found.items()
     }
+    if consecutive:
+        pictures = _confirmed(pictures)
+        found = {name: png(picture) for name, picture in pictures.items()}
     if all(picture.all() for picture in pictures.values()):
         return []
     paths = {f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(name))}": found[name] for name in names}
@@ -58,3 +65,25 @@ def write_masks(
     for path, content in paths.items():
         write_file(scene / path, content)
     return list(paths)
+
+
+def _confirmed(pictures: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Return masks (H, W), 0 where anything moves, of frames in order, without parts of one frame alone."""
+    moving = [picture == 0 for picture in pictures.values()]
+    kept = dict[str, AnyArray]()
+    for k, name in enumerate(pictures):
+        beside = [other for other in (*moving[max(0, k - 1) : k], *moving[k + 1 : k + 2]) if other.any()]
+        count, parts = cv2.connectedComponents(moving[k].astype(np.uint8))
+        near = np.zeros(moving[k].shape, bool)
+        for other in beside if count > 1 else ():
+            if other.shape == near.shape:
+                near |= _grown(other)
+        real = np.isin(parts, np.unique(parts[near & moving[k]]))
+        kept[name] = np.where(moving[k] & real, 0, 255).astype(np.uint8)
+    return kept
+
+
+def _grown(moving: AnyArray) -> AnyArray:
+    """Return what lies within `REACH` of anything that moves."""
+    away = cv2.distanceTransform((~moving).astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(away <= REACH * max(moving.shape))

@@ -40,11 +40,12 @@ from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source
 from blur2view.movers.mask import MaskFormat
 from blur2view.networks.model_file import usable_cores
-from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
 from blur2view.reconstruction.timeline import Seen, timeline
 
@@ -52,7 +53,7 @@ FRAMES = 300  # that are chosen at most, as by ns-process-data
 CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
 MAPPERS = ("incremental", "global")
 IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
-TRANSFORMS, REPORT, WORK = "transforms.json", "report.html", "work"
+TRANSFORMS, REPORT, WORK, SMEARS = "transforms.json", "report.html", "work", "smears"
 MAX_MAPPED_PX = 12.0  # of a smear: COLMAP registers longer ones worse than `recover_frames` does
 MIN_SHARP = 0.4  # share of the chosen frames that is sharper; else all are mapped
 MIN_REGISTERED = 0.5  # share of the mapped frames; with fewer they are read anew by `blurred_options`
@@ -160,9 +161,10 @@ def reconstruct(
     listed = dict(sources_of(video))
     writable_folder(folder)
     with step("reading the video"):
-        scene = Scene(folder, _digest(video, listed, options))
-    network = network or SmearNetwork()
+        network = network or SmearNetwork()
+        scene = Scene(folder, _digest(video, listed, options, network))
     work, images = folder / WORK, folder / IMAGES
+    network = KeptSmears(network, work / SMEARS)
 
     def choose() -> dict[str, Any]:
         with step("looking at frames") as show:
@@ -208,9 +210,18 @@ def reconstruct(
     )
 
     def mask() -> list[str]:
-        posed, beside = [*result.registered, *result.recovered], options.dialect == transforms.INSTANT_NGP
+        posed, beside = {*result.registered, *result.recovered}, options.dialect == transforms.INSTANT_NGP
         with step("finding what moves by itself") as show:
-            return write_masks(folder, IMAGES, posed, work / MASKS, network, beside=beside, show=show)
+            return write_masks(
+                folder,
+                IMAGES,
+                [name for name in kept if name in posed],
+                work / MASKS,
+                network,
+                consecutive=options.all_frames,
+                beside=beside,
+                show=show,
+            )
 
     masks: list[str] = scene.step("masks", scene.result("masks", []), mask) if options.masks else []
     trainer = [TRANSFORMS, transforms.PLY] if options.dialect == transforms.NERFSTUDIO else [TRANSFORMS]
@@ -224,17 +235,20 @@ def reconstruct(
         return REPORT
 
     scene.step("report", [REPORT], write_report)
-    for rest in ("models", "stretched", MASKS):
+    for rest in ("models", "stretched", MASKS, SMEARS):
         shutil.rmtree(work / rest, ignore_errors=True)
     for database in work.glob("matches_*.db"):
         database.unlink()
     return result
 
 
-def _digest(video: Path, listed: Mapping[str, Source], options: ReconstructionOptions) -> str:
-    """Return the SHA-256 of the frames' content and of the options."""
+def _digest(
+    video: Path, listed: Mapping[str, Source], options: ReconstructionOptions, network: SmearReader
+) -> str:
+    """Return the SHA-256 of the frames' content, the options and the network."""
     files = [video] if video.is_file() else [source.path for source in listed.values()]
-    every = __version__, [quick_digest(file) for file in files], list(listed), options
+    files += [network.path] if isinstance(network, SmearNetwork) else []
+    every = __version__, [quick_digest(file) for file in files], list(listed), options, network.model_id
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
 
@@ -253,7 +267,7 @@ def _look(
             if name in found:
                 continue
             picture = read_picture(images / name, as_stored=True)
-            seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
+            seen = estimate(picture.pixels, network=network, geometry=False)
             blur = seen.blur
             smear_px = blur.smear_px if blur.kind.of_camera else 0.0
             found[name] = str(blur.kind), None if smear_px is None else float(smear_px)

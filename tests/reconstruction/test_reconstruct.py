@@ -1,9 +1,14 @@
 """A scene of a video: its files, which steps are done again, what is refused, and the report's page."""
 
 import json
+import multiprocessing
+import os
+import pickle
 import re
 import shutil
+import signal
 import subprocess
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -19,13 +24,14 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
-from blur2view.errors import DatabaseError, ImageError, OutputError
+from blur2view.errors import DatabaseError, ImageError, OutputError, RunError
 from blur2view.images.image import read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import mapping, masks
 from blur2view.reconstruction.frames import Frame, chosen
 from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.reconstruct import (
     Reconstruction,
     ReconstructionOptions,
@@ -34,6 +40,7 @@ from blur2view.reconstruction.reconstruct import (
     reconstruct,
 )
 from blur2view.reconstruction.scene import STATE, Scene
+from blur2view.smears.grid import SmearGrid
 from tests.support.blurred_plane import BlurredPlane
 from tests.support.calls import call_program
 
@@ -160,6 +167,46 @@ def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
     assert camera.has_prior_focal_length and camera.focal_length == pytest.approx(stated, rel=1e-3)
 
 
+def test_smears_are_read_once_also_by_another_process(tmp_path: Path) -> None:
+    network, asked = SmearNetwork(), list[AnyArray]()
+
+    class Counting:
+        model_id, execution = network.model_id, network.execution
+
+        def predict(self, image: AnyArray, **options: Any) -> SmearGrid:
+            asked.append(image)
+            return network.predict(image)
+
+    kept, picture = KeptSmears(Counting(), tmp_path), PLANE.render(3)
+    first, again = kept.predict(picture), kept.predict(picture, detail=Detail.RANKING)
+    other = pickle.loads(pickle.dumps(KeptSmears(network, tmp_path))).predict(picture)
+    assert len(asked) == 1
+    for grid in (again, other):
+        assert vars(grid).keys() == vars(first).keys()
+        assert all(np.array_equal(vars(grid)[name], value) for name, value in vars(first).items())
+
+
+def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
+    def interrupt(*given: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            mapping.in_process(time.sleep, 600)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_of_colmap_that_dies_is_named() -> None:
+    with pytest.raises(RunError, match="COLMAP's process died"):
+        mapping.in_process(os._exit, 1)
+    with pytest.raises(ValueError, match="invalid literal"):
+        mapping.in_process(int, "x")
+
+
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with frames of a plane, and the model of all but one."""
@@ -241,6 +288,19 @@ def test_a_scene_in_which_nothing_moves_has_no_masks(
     scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
     assert write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork()) == []
     assert not (scene / MASKS).exists()
+
+
+@pytest.mark.parametrize(("count", "masked"), [(1, 0), (2, 7)])
+def test_what_moves_in_one_of_consecutive_frames_alone_is_a_mistake(
+    whole: Reconstruction, moving: set[str], tmp_path: Path, count: int, masked: int
+) -> None:
+    moving |= set(PLANE.names[2 : 2 + count])
+    scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
+    write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork(), consecutive=True)
+    assert len(list(scene.glob(f"{MASKS}/*.png.png"))) == masked
+    for name in PLANE.names if masked else ():
+        hidden = np.array(Image.open(scene / MASKS / f"{name}.png")) == 0
+        assert hidden.sum() == (600 if name in moving else 0)
 
 
 @pytest.mark.parametrize("dialect", ["nerfstudio", "instant-ngp"])

@@ -1,0 +1,77 @@
+"""Smears of a scene's frames, read once: what blurs a frame, its pose and its mask all need them."""
+
+import hashlib
+from contextlib import suppress
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blur2view.arrays import AnyArray
+from blur2view.files import open_regular, write_file
+from blur2view.networks.model_file import Execution
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.smears.grid import DAMAGE, SmearGrid
+
+
+class KeptSmears:
+    """A `SmearReader` that keeps what it has read in a folder, by the photograph's pixels.
+
+    It reads in ``Detail.GEOMETRY``, which serves all purposes. A process that gets it opens the network with
+    one thread, and only if it must read.
+    """
+
+    def __init__(self, network: SmearReader, folder: Path) -> None:
+        self.model_id, self.execution, self.folder = network.model_id, network.execution, folder
+        self._given: SmearReader | Path = network
+
+    def __getstate__(self) -> dict[str, Any]:
+        given = self._given.path if isinstance(self._given, SmearNetwork) else self._given
+        return {
+            "model_id": self.model_id,
+            "execution": Execution(threads=1, providers=self.execution.providers),
+            "folder": self.folder,
+            "_given": given,
+        }
+
+    @cached_property
+    def _network(self) -> SmearReader:
+        if not isinstance(self._given, Path):
+            return self._given
+        return SmearNetwork(self._given, threads=1, providers=self.execution.providers)
+
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
+        """Return the smears of a photograph, as the network does."""
+        pixels = repr((image.shape, image.dtype.str)).encode() + np.ascontiguousarray(image).tobytes()
+        kept = self.folder / f"{hashlib.sha256(pixels).hexdigest()}.npz"
+        if kept.is_file():
+            with suppress(*DAMAGE):  # then it is read again
+                return _read(kept)
+        grid = self._network.predict(image)
+        write_file(kept, _content(grid))
+        return grid
+
+
+def _content(grid: SmearGrid) -> bytes:
+    """Return a grid as NPZ, in full precision."""
+    arrays = {name: getattr(grid, name) for name in ("cells", "blur", "shares")}
+    place = np.array([grid.stride, *grid.shape, grid.window_px or 0])
+    file = BytesIO()
+    np.savez(file, place=place, **{name: array for name, array in arrays.items() if array is not None})
+    return file.getvalue()
+
+
+def _read(path: Path) -> SmearGrid:
+    """Return the grid of a file; errors of `DAMAGE` if it is not whole."""
+    with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
+        stride, height, width, window_px = map(int, arrays["place"])
+        return SmearGrid(
+            cells=arrays["cells"],
+            blur=arrays.get("blur"),
+            shares=arrays.get("shares"),
+            stride=stride,
+            shape=(height, width),
+            window_px=window_px or None,
+        )
