@@ -13,7 +13,7 @@ from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
 from blur2view.images.pixels import photograph_of, unusable_size
-from blur2view.movers.mask import MotionMask, mask_of
+from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
@@ -211,7 +211,7 @@ def segment(
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(rng or 0)
-    return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
+    return motion_mask(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
 def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Evidence, Moving | None]:
@@ -228,6 +228,6 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Eviden
         return evidence, None
     moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
     factor = moving.block_px // BLOCK_PX  # a mask of every pixel of 24 megapixels takes 0.5 GB
-    mask = mask_of(replace(moving, block_px=BLOCK_PX), reduced(image, factor))
+    mask = motion_mask(replace(moving, block_px=BLOCK_PX), reduced(image, factor))
     movers = moving.evidence(evidence.grid, mask.shares["moving"])
     return replace(evidence, movers=movers), moving

@@ -81,11 +81,11 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
         return [()] * len(sources)
     after = dict(pairwise(source for source in sources if source.frame is None)) if sequence else {}
     before = {later: earlier for earlier, later in after.items()}
-    found = []
+    neighbours = []
     for source in sources:
         near = (-1, before.get(source) or source.beside(-1)), (1, after.get(source) or source.beside(1))
-        found.append(tuple((k, other) for k, other in near if other and other.folder == source.folder))
-    return found
+        neighbours.append(tuple((k, other) for k, other in near if other and other.folder == source.folder))
+    return neighbours
 
 
 def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, count: int) -> Done:

@@ -56,21 +56,21 @@ class PlaceOptions:
             names, model = frame_names(self.photographs), find_model(self.model, complain)
             refuse_other_model(self.output, model)
             writable_folder(self.output)
-            found = place_views(self.database, model, names, self.fraction)
-            if not found.placed:
-                count = plural(len(found.refused), "frame")
+            placement = place_views(self.database, model, names, self.fraction)
+            if not placement.placed:
+                count = plural(len(placement.refused), "frame")
                 raise DatabaseError(
                     f"{self.database}: of {count} with views none is next to another in {self.photographs} "
                     f"and shows how long an exposure is; {REMEDY}"
                 )
-            write_model(found.model, self.output, self.photographs, self.database)
+            write_model(placement.model, self.output, self.photographs, self.database)
         if not self.printing.quiet:
-            for line in refused_lines(found.refused, "placed", self.printing):
+            for line in refused_lines(placement.refused, "placed", self.printing):
                 print(line)
             made = f"{printable(str(self.output))}: {printable(str(model))} with views"
-            counts = f"{plural(len(found.placed), 'frame')} placed, {len(found.refused)} refused"
-            guess = "" if found.measured else ", a guess as the camera shakes faster than the frames"
-            print(f"{made}: {counts}; exposure over frame interval {found.fraction:.2f}{guess}")
+            counts = f"{plural(len(placement.placed), 'frame')} placed, {len(placement.refused)} refused"
+            guess = "" if placement.measured else ", a guess as the camera shakes faster than the frames"
+            print(f"{made}: {counts}; exposure over frame interval {placement.fraction:.2f}{guess}")
         return 0
 
 

@@ -115,32 +115,38 @@ class RecoverOptions:
                 raise DatabaseError(
                     f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
                 )
-            found = recovery_of(sequence, known, self.database, views=self.views or None, refine=self.refine)
-            write_model(found.model, self.output, self.photographs, database)
+            recovery = recovery_of(
+                sequence, known, self.database, views=self.views or None, refine=self.refine
+            )
+            write_model(recovery.model, self.output, self.photographs, database)
         if self.tracks is not None and not interrupted:
             with waiting("matching blurred patches", hidden=quiet) as show:
                 track_frames(sequence, self.tracks, tracks, show)
         if not interrupted:
             notes.remove()
         if not quiet:
-            self._print(found, model, len(names), tracked=self.tracks is not None and not interrupted)
-            if self.database is None and known is not None and found.recovered.keys() & known.images.keys():
+            self._print(recovery, model, len(names), tracked=self.tracks is not None and not interrupted)
+            if (
+                self.database is None
+                and known is not None
+                and recovery.recovered.keys() & known.images.keys()
+            ):
                 # COLMAP's mappers refuse images that have another number of keypoints than the database
                 print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
         if interrupted:
-            done = len(found.registered) + len(found.recovered) + len(found.refused)
+            done = len(recovery.registered) + len(recovery.recovered) + len(recovery.refused)
             left = plural(len(names) - done, "frame")
             complain(RunError(f"interrupted; the same call goes on; {left} left"))
         return INTERRUPTED if interrupted else 0
 
-    def _print(self, found: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
+    def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
         """Print what became of the frames, so many in all."""
-        for line in refused_lines(found.refused, "recovered", self.printing):
+        for line in refused_lines(recovery.refused, "recovered", self.printing):
             print(line)
-        for name, frame in found.recovered.items() if self.printing.verbose else ():
+        for name, frame in recovery.recovered.items() if self.printing.verbose else ():
             points = plural(len(frame.points), "point")
             print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
         more = f"and more, and {TRACKS}" if tracked else "and more"
-        counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
-        registered = f"of {plural(count, 'frame')} {len(found.registered)} registered"
+        counts = f"{len(recovery.recovered)} recovered, {len(recovery.refused)} refused"
+        registered = f"of {plural(count, 'frame')} {len(recovery.registered)} registered"
         print(f"{printable(str(self.output))}: {printable(str(model))} {more}: {registered}, {counts}")

@@ -22,7 +22,7 @@ from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at,
 from blur2view.colmap.models import observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
-from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
+from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, changed, relative_motion
 from blur2view.images.image import read_picture
 from blur2view.images.pixels import to_resized
 from blur2view.networks.smear_network import SmearReader
@@ -182,7 +182,7 @@ def refusal(found: BlurredPose, expected: Expected) -> str:
         return TOO_FEW
     if found.residual_px > MAX_RESIDUAL_PX:
         return "its points are not where the pose has them"
-    change = change_of(found.pose, expected.pose)
+    change = relative_motion(found.pose, expected.pose)
     turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
     moved = float(np.linalg.norm(change[3:])) / expected.position
     if max(turned, moved) > MAX_DEPARTURE * MEDIAN_OF_THREE:
@@ -206,5 +206,5 @@ def weighted_mean(found: BlurredPose, expected: Expected | None) -> tuple[Array,
         return found.pose, own
     prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) * SPLINE_TAIL) ** 2
     gain = even @ np.linalg.inv(even + prior)
-    pose, kept = changed(found.pose, gain @ change_of(found.pose, expected.pose)), np.eye(6) - gain
+    pose, kept = changed(found.pose, gain @ relative_motion(found.pose, expected.pose)), np.eye(6) - gain
     return pose, kept @ own @ kept.T + gain @ prior @ gain.T

@@ -136,7 +136,7 @@ class Series(Generic[Frame]):
         return found
 
 
-def motion_of(matches: Mapping[int, Matches], camera: Camera | None = None) -> PictureMotion:
+def picture_motion(matches: Mapping[int, Matches], camera: Camera | None = None) -> PictureMotion:
     """Return the motion by matches with the photographs before (-1) and after (1), own pixels first."""
     points = np.concatenate([NO_POINTS, *(here for here, _ in matches.values())])
     velocity = [NO_POINTS, *((there - here) / steps for steps, (here, there) in matches.items())]
@@ -160,7 +160,7 @@ def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array:
     return decompose_essential(np.asarray(E, float))[0].rotation_vector
 
 
-def agreement_of(views: ExposureViews, motion: PictureMotion) -> float:
+def time_agreement(views: ExposureViews, motion: PictureMotion) -> float:
     """Return the mean cosine between smears and the picture's motion, weighted by its length; or 0."""
     inliers = views.geometry.inlier_mask
     if not inliers.any() or not len(motion.points):
@@ -182,7 +182,7 @@ def directed(
     views: ExposureViews, motion: PictureMotion, candidates: Sequence[ExposureViews] = ()
 ) -> ExposureViews:
     """Return the candidate that agrees best; by default the four signs of time and translation."""
-    if agreement_of(views, motion) == 0:
+    if time_agreement(views, motion) == 0:
         return replace(views, time=TimeDirection())
     if not candidates:
         twins = [views, other_translation(views)]
@@ -193,25 +193,25 @@ def directed(
         turn = np.zeros(3) if pose is None else pose.rotation_vector
         lengths = max(float(np.linalg.norm(turn) * np.linalg.norm(motion.rotation)), TINY)
         cosine = float(turn @ motion.rotation) / lengths
-        agreement, in_front = agreement_of(candidate, motion), share_in_front(candidate)
+        agreement, in_front = time_agreement(candidate, motion), share_in_front(candidate)
         return agreement + ROTATION_WEIGHT * cosine + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
     from scipy.special import ndtr
 
     # P(right) - P(wrong), by the mean cosine of `INDEPENDENT_SMEARS`
-    agreement = max(agreement_of(best, motion), 0.0)
+    agreement = max(time_agreement(best, motion), 0.0)
     confidence = float(2 * ndtr(agreement * np.sqrt(INDEPENDENT_SMEARS)) - 1)
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 
 
 def in_time(estimated: Estimate, matches: Mapping[int, Matches]) -> Estimate:
-    """Return an estimate in the likelier direction of time, by `motion_of` matches, and its certainty."""
+    """Return an estimate in the likelier direction of time, and its certainty, by `picture_motion`."""
     views, candidates = views_of("frame", replace(estimated, shutter=None)), list[ExposureViews]()
     if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
-    views = directed(views, motion_of(matches, estimated.camera), candidates)
+    views = directed(views, picture_motion(matches, estimated.camera), candidates)
     return replace(estimated, geometry=views.geometry, time=views.time)
 
 

@@ -37,7 +37,7 @@ FIRST_FRACTION, ROUNDS, MAX_FRACTION = 0.5, 5, 1.0  # of exposure over frame int
 MIN_LENGTH_RATIO = 0.1  # of smears to those of a given exposure: shorter ones, of sharp frames, say nothing
 
 
-def change_of(first: Array, second: Array) -> Array:
+def relative_motion(first: Array, second: Array) -> Array:
     """Return the change (6,) that leads from one pose (3, 4) to another."""
     R = second[:, :3] @ first[:, :3].T
     return np.append(rotation_vector(R), second[:, 3] - R @ first[:, 3])
@@ -95,7 +95,7 @@ class CameraPath:
         middle, first, last = (self.at(time + share * fraction) for share in (0.0, -0.5, 0.5))
         if middle is None or first is None or last is None:
             return np.full((2, 6), np.nan)
-        return np.stack([change_of(middle, first), change_of(middle, last)])
+        return np.stack([relative_motion(middle, first), relative_motion(middle, last)])
 
     def expected(self, time: float) -> Expected | None:
         """Return the pose at a time, and the errors of known frames on a path without their neighbours."""
@@ -111,11 +111,11 @@ class CameraPath:
             path = CameraPath(self.times[kept], self.poses[kept], self.reach)
             found = path.at(there) if path.sides(there) == self.sides(time) else None
             if found is not None:
-                change = change_of(self.poses[index], found)
+                change = relative_motion(self.poses[index], found)
                 errors.append((np.linalg.norm(change[:3]), np.linalg.norm(change[3:])))
         spread = np.median(errors, axis=0) / MEDIAN_OF_THREE if errors else np.full(2, np.inf)
         rotation_rad, position = map(float, np.maximum(spread, TINY))
-        return Expected(pose, rotation_rad, position, change_of(first, last))
+        return Expected(pose, rotation_rad, position, relative_motion(first, last))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

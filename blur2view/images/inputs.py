@@ -159,8 +159,8 @@ def list_photographs(
     passed_over = list[Path]()
     for word in _without_lists(words, stdin):
         for source in _sources(word, recursive, frames, passed_over):
-            place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
-            once.setdefault((place, source.frame), source)
+            location = os.path.join(os.path.realpath(source.path.parent), source.path.name)
+            once.setdefault((location, source.frame), source)
     lists = [Path(word[1:]) for word in words if word.startswith(LIST)]
     named = {source.path for source in once.values()}
     passed_over = [path for path in dict.fromkeys(passed_over) if path not in named]
@@ -169,10 +169,10 @@ def list_photographs(
 
 def photographs_in(folder: Path) -> Inputs:
     """Return the photographs of a folder, whatever it is called, and all below; ImageError without any."""
-    found, _, unread = _listed(folder, recursive=True)
-    if not found and not unread:
+    photographs, _, unread = _listed(folder, recursive=True)
+    if not photographs and not unread:
         raise ImageError(f"{folder}: holds no photograph; name another folder")
-    return Inputs(sources=[*(Source(path=path, root=folder) for path in found), *unread])
+    return Inputs(sources=[*(Source(path=path, root=folder) for path in photographs), *unread])
 
 
 def _sources(
@@ -187,14 +187,14 @@ def _sources(
         if has_frames(path):
             yield from [Source(path=path, frame=number) for number in frames(path)]
         elif path.is_dir():
-            found, videos, unread = _listed(path, recursive)
-            yield from [Source(path=photograph, root=path) for photograph in found]
-            if found:
+            photographs, videos, unread = _listed(path, recursive)
+            yield from [Source(path=photograph, root=path) for photograph in photographs]
+            if photographs:
                 passed_over += videos
-            for video in () if found else videos:
+            for video in () if photographs else videos:
                 yield from _of_video(video, path, frames)
             yield from unread
-            if not (found or videos or unread):
+            if not (photographs or videos or unread):
                 more = "name another folder" if recursive else "add --recursive for its subfolders"
                 raise ImageError(f"{path}: holds no photograph or video; {more}")
         else:
@@ -226,9 +226,11 @@ def _listed(folder: Path, recursive: bool) -> tuple[list[Path], list[Path], list
     walked = islice(os.walk(folder, onerror=unread.append), None if recursive else 1)
     entries = sorted((Path(here, name) for here, _, names in walked for name in names), key=_in_order)
     videos = [path for path in entries if has_frames(path)]
-    found = [path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path not in videos]
-    found = [path for path in found if path.suffix.lower() != ".png" or not is_ours(path)]
-    return found, videos, [_refused(Path(error.filename), error) for error in unread]
+    photographs = [
+        path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path not in videos
+    ]
+    photographs = [path for path in photographs if path.suffix.lower() != ".png" or not is_ours(path)]
+    return photographs, videos, [_refused(Path(error.filename), error) for error in unread]
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:
@@ -264,18 +266,18 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
     names = []
     for line in os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).split("\n"):
         name = line.removesuffix("\r")
-        found = _found(name, path) or _found(name.strip(), path)
-        if found or name.strip() and not name.strip().startswith(COMMENT):
-            names.append(found or name.strip())
+        listed = _path_in_list(name, path) or _path_in_list(name.strip(), path)
+        if listed or name.strip() and not name.strip().startswith(COMMENT):
+            names.append(listed or name.strip())
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
 
 
-def _found(name: str, path: Path | None) -> str | None:
+def _path_in_list(name: str, path: Path | None) -> str | None:
     """Return where a name in a list is found: from here, or else from the list's folder; or None."""
-    places = [name] if path is None else [name, str(path.parent / name)]
-    there = (place for place in places if os.path.lexists(place) or frame_named(place) is not None)
+    paths = [name] if path is None else [name, str(path.parent / name)]
+    there = (one for one in paths if os.path.lexists(one) or frame_named(one) is not None)
     return next(there, None) if name else None
 
 
@@ -317,9 +319,9 @@ def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
     >>> timestamps_of(["1305031102.175304.png", "cam0/1403636579763555584.png"])
     [1305031102.175304, 1403636579.7635558]
     """
-    found = []
+    times = []
     for path in paths:
         if (time := timestamp_of(path)) is None:
             raise ImageError(f"{path}: its name is not a time; name it like 1403636579.763.png")
-        found.append(time)
-    return found
+        times.append(time)
+    return times

@@ -64,7 +64,7 @@ class MotionMask:
         return {label.name.lower(): float((self.labels == label).mean()) for label in MotionLabel}
 
 
-def mask_of(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
+def motion_mask(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in a photograph (H, W, 3) or (H, W)."""
     side, still = moving.block_px, moving.camera_moved < 0.5
     parts = _to_pixels(moving.parts(threshold).astype(np.float32), image.shape, side)

@@ -61,17 +61,17 @@ def power_spectra(windows: Floats, threads: int = 1) -> Floats:
     power = np.empty((h * w, WINDOW, WINDOW // 2 + 1), np.float32)
 
     def transform(part: slice) -> None:
-        found, half = power[part], WINDOW // 2
+        spectrum, half = power[part], WINDOW // 2
         own = windows[rows[part], columns[part]] - np.float32(0.5)
         own *= HANN
         for window in own:
             cv2.dft(window, window)  # a third of the time of NumPy's; SciPy takes 0.2 s to import
         own *= own
-        np.add(own[:, :, 1:-1:2], own[:, :, 2:-1:2], out=found[:, :, 1:-1])
+        np.add(own[:, :, 1:-1:2], own[:, :, 2:-1:2], out=spectrum[:, :, 1:-1])
         for column in (0, -1):  # real ones, whose rows are packed in turn
-            found[:, 0, column], found[:, half, column] = own[:, 0, column], own[:, -1, column]
-            found[:, 1:half, column] = own[:, 1:-1:2, column] + own[:, 2:-1:2, column]
-            found[:, half + 1 :, column] = found[:, half - 1 : 0 : -1, column]
+            spectrum[:, 0, column], spectrum[:, half, column] = own[:, 0, column], own[:, -1, column]
+            spectrum[:, 1:half, column] = own[:, 1:-1:2, column] + own[:, 2:-1:2, column]
+            spectrum[:, half + 1 :, column] = spectrum[:, half - 1 : 0 : -1, column]
 
     in_batches(transform, h * w, threads, BATCH)
     return power.reshape(h, w, *power.shape[1:])

@@ -3,7 +3,7 @@
 Every model is a displacement field judged by the same likelihood (`HomographyFit.costs`) on the same smears:
 no motion, a rotation, any homography (a plane), the latter two also with a motion that changes down the rows
 of a rolling shutter, and the plane with parallax along the epipolar lines of F. One calibrated step
-(`probabilities_of`) turns their log-likelihoods, of the effective number of smears, into probabilities. By
+(`model_probabilities`) turns their log-likelihoods, of the effective number of smears, into probabilities. By
 its probability parallax is proven, undecided or absent. Where few smears are independent a small probability
 does not mean that it is absent: then F is given with the homography beside it.
 """
@@ -68,7 +68,7 @@ def choose(
     if has_consensus:
         gain = plane.gain_of_parallax(fit.point.matrix())
         candidates.append(Candidate(MotionModel.PARALLAX, plane, plane.log_posterior + gain))
-    return named(candidates, probabilities_of(candidates, sample), agreement)
+    return named_choice(candidates, model_probabilities(candidates, sample), agreement)
 
 
 def within_errors(matches: SmearMatches) -> bool:
@@ -111,7 +111,7 @@ def parameters_and_penalty(candidate: Candidate) -> tuple[int, float]:
     return parameters + added_parameters, penalty + added_penalty
 
 
-def probabilities_of(candidates: list[Candidate], smears: NormalisedSmears) -> list[float]:
+def model_probabilities(candidates: list[Candidate], smears: NormalisedSmears) -> list[float]:
     """Return the models' probabilities: the one calibrated step, the same for all photographs.
 
     Errors that neighbours share look like fields and like parallax, so log-likelihoods count as many smears
@@ -129,7 +129,7 @@ def probabilities_of(candidates: list[Candidate], smears: NormalisedSmears) -> l
     return [float(p) for p in odds / odds.sum()]
 
 
-def named(candidates: list[Candidate], probabilities: list[float], agreement: float) -> Choice:
+def named_choice(candidates: list[Candidate], probabilities: list[float], agreement: float) -> Choice:
     """Return the choice: with F unless parallax is absent, with the homography unless parallax is proven.
 
     PLANAR_OR_PANORAMIC is not that rotation and plane are equally likely. It is given where "no motion" is

@@ -80,7 +80,7 @@ MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance; by SYNTH's last
 SAMPLE = 1000  # smears that models are compared on, at most: with 400, 3 of 14 general SYNTH are open, not 1
 ON_PLANE = 3.0  # standard deviations within which a smear follows a homography
 MIN_ON_PLANE = 0.4  # share of the smears on it without which parallax is not called absent
-# The one step from the table to probabilities (`choice.probabilities_of`): by maximum likelihood over 200
+# The one step from the table to probabilities (`choice.model_probabilities`): by maximum likelihood over 200
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
 # (`tools.datasets.testset OUT --kinds --scenes 50 --seed 80000`, network smears). Rolling shutters pay
 # the same beside any field: smears that were bent down the rows by 5 to 40 % ask for 2.5 and 2.7. In that is

@@ -101,13 +101,13 @@ def estimate_two_view(
     both = geometry, geometry.reversed()
     corrected = [estimate_global_shutter(matches, options, rng, camera, shutter, order) for order in both]
     by_parallax = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN].index
-    found = sorted(
+    likelier = sorted(
         (geometry for geometry in corrected if geometry is not None),
         key=lambda order: (order.cam2_from_cam1 is None, by_parallax(order.parallax), order.E is not None),
     )
-    if len(found) == 1:
-        return replace(found[0], one_way=True)
-    return replace(found[0], backward=found[1])
+    if len(likelier) == 1:
+        return replace(likelier[0], one_way=True)
+    return replace(likelier[0], backward=likelier[1])
 
 
 def estimate_global_shutter(
@@ -123,22 +123,24 @@ def estimate_global_shutter(
     The smears begin with the orders of ``recorded``, the geometry estimated as if all rows were exposed at
     once; of both orders in time the result has that which agrees with most of them.
     """
-    found, second = [], recorded.second_end_is_open
+    rounds, second = [], recorded.second_end_is_open
     for _ in range(ROUNDS):
         corrected = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
         if corrected is None:
             break
         geometry = as_recorded(corrected, options, rng, camera)
         agrees = (geometry.second_end_is_open == recorded.second_end_is_open).mean() >= 0.5
-        found.append(geometry if agrees else geometry.reversed())
-        second = found[-1].second_end_is_open
-    return max(reversed(found), key=lambda geometry: int(geometry.inlier_mask.sum()), default=None)
+        rounds.append(geometry if agrees else geometry.reversed())
+        second = rounds[-1].second_end_is_open
+    return max(reversed(rounds), key=lambda geometry: int(geometry.inlier_mask.sum()), default=None)
 
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
     """Return the degenerate geometry of a photograph whose camera did not move, or that shows no motion."""
     causes = {BlurKind.OUT_OF_FOCUS: Cause.NO_BLUR_SEEN, BlurKind.CANNOT_TELL: Cause.UNCLEAR}
-    return no_geometry(matches, Refusal(cause=causes.get(blur.kind, Cause.CAMERA_AT_REST), blur=blur.reason))
+    return degenerate_geometry(
+        matches, Refusal(cause=causes.get(blur.kind, Cause.CAMERA_AT_REST), blur=blur.reason)
+    )
 
 
 def without_fit(matches: SmearMatches) -> TwoViewGeometry:
@@ -146,7 +148,7 @@ def without_fit(matches: SmearMatches) -> TwoViewGeometry:
 
     It says whether the camera stood still, as `estimate_two_view` does where the camera is known to move.
     """
-    return no_geometry(matches, refused(matches) or Refusal(cause=Cause.NOT_ASKED_FOR))
+    return degenerate_geometry(matches, find_refusal(matches) or Refusal(cause=Cause.NOT_ASKED_FOR))
 
 
 def as_recorded(
@@ -159,12 +161,12 @@ def as_recorded(
     moved: bool = False,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of smears; with ``rolling`` models of a rolling shutter are added."""
-    if (refusal := refused(matches)) is not None:
-        return no_geometry(matches, refusal)
+    if (refusal := find_refusal(matches)) is not None:
+        return degenerate_geometry(matches, refusal)
     straight = matches if camera is None else undistorted(matches, camera)
     smears, fit = search_and_fit(NormalisedSmears.of(straight, camera), rng)
     F = denormalise(fit.point.matrix(), smears.T)
-    inliers, by_chance = inliers_of(F, smears, options)
+    inliers, by_chance = inliers_and_chance(F, smears, options)
     support = Support(num_inliers=int(inliers.sum()), count=len(inliers), by_chance=by_chance)
     choice = choose(smears, fit, agreement=support.agreement, rolling=rolling, moved=moved)
     field, pose = choice.homography, None
@@ -174,7 +176,7 @@ def as_recorded(
     model = F if choice.reports_F else field
     inliers, by_chance = np.zeros(len(smears), bool), 0.0
     if model is not None:
-        inliers, by_chance = inliers_of(model, smears, options)
+        inliers, by_chance = inliers_and_chance(model, smears, options)
     H = None
     if field is not None:
         mapped = cayley(field.family.generator()) @ smears.T
@@ -210,7 +212,7 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     return replace(matches, ends=np.where(seen, straight, matches.ends))
 
 
-def no_geometry(matches: SmearMatches, refusal: Refusal) -> TwoViewGeometry:
+def degenerate_geometry(matches: SmearMatches, refusal: Refusal) -> TwoViewGeometry:
     """Return a DEGENERATE geometry: neither F nor H, and no smear is an inlier."""
     none = np.zeros(len(matches), bool)
     return TwoViewGeometry(
@@ -218,7 +220,7 @@ def no_geometry(matches: SmearMatches, refusal: Refusal) -> TwoViewGeometry:
     )
 
 
-def refused(matches: SmearMatches) -> Refusal | None:
+def find_refusal(matches: SmearMatches) -> Refusal | None:
     """Return why smears are too few, too short or collinear; None of any others."""
     if len(matches) < c.MIN_SMEARS:
         return Refusal(cause=Cause.FEW_SMEARS, value=len(matches), limit=c.MIN_SMEARS)
@@ -243,7 +245,7 @@ def coverage(matches: SmearMatches) -> float:
     return float(len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks)
 
 
-def inliers_of(
+def inliers_and_chance(
     model: Array | HomographyFit, smears: NormalisedSmears, options: EstimatorOptions
 ) -> tuple[NDArray[np.bool_], float]:
     """Return the inliers (N,) of F (3, 3) in pixels or of a displacement field, and the share by chance.

@@ -20,7 +20,7 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous, unit_lines
 from blur2view.geometry.pose import half_sphere, rotation_flow, rotation_matrix
 from blur2view.two_view import constants as c
-from blur2view.two_view.least_squares import last_of, least_of, levenberg_marquardt, reweighted_motion
+from blur2view.two_view.least_squares import last_point, levenberg_marquardt, race, reweighted_motion
 from blur2view.two_view.likelihood import NormalisedSmears, OrderedResiduals
 from blur2view.two_view.models import UNROTATED, FundamentalManifold
 from blur2view.two_view.ransac import ransac
@@ -85,9 +85,9 @@ class FundamentalFit:
 
 
 def fit_best(starts: Sequence[FundamentalManifold], smears: NormalisedSmears) -> FundamentalFit:
-    """Return the fit of least cost from several starts, which race (`least_of`)."""
+    """Return the fit of least cost from several starts, which race (`race`)."""
     fits = [FundamentalFit.likelier(start, smears) for start in starts]
-    return least_of(fits, c.STARTERS, c.STEPS, c.TOLERANCE, c.MIN_STEP)
+    return race(fits, c.STARTERS, c.STEPS, c.TOLERANCE, c.MIN_STEP)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,7 +129,7 @@ class SmearEstimator:
         for smears in (some.rescaled(c.WIDE), some):
             start = FundamentalManifold.from_matrix(model, smears.prior_sigma)
             problem = FundamentalFit(point=start, smears=smears)
-            reached = last_of(levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE))
+            reached = last_point(levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE))
             model = reached.point.matrix()
         return model
 

@@ -19,7 +19,7 @@ from blur2view.geometry.epipolar import symmetric_skew, unit_lines
 from blur2view.smears.noise import ACROSS_SHARE, SAMPSON_SHARE
 from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
-from blur2view.two_view.least_squares import least_of, reweighted_motion
+from blur2view.two_view.least_squares import race, reweighted_motion
 from blur2view.two_view.likelihood import NormalisedSmears
 from blur2view.two_view.models import HomographyFlow, velocity_basis
 
@@ -200,9 +200,9 @@ class HomographyFit:
 def fit_homography(
     likelihood: FieldLikelihood, *starts: HomographyFlow, steps: int = c.FIELD_STEPS
 ) -> HomographyFit:
-    """Return the field of least cost reached from the starts; several race as in `least_of`."""
+    """Return the field of least cost reached from the starts; several race as in `race`."""
     fits = [HomographyFit(likelihood=likelihood, family=field) for field in starts]
-    return least_of(fits, c.FIELD_STARTERS, steps, c.FIELD_TOLERANCE)
+    return race(fits, c.FIELD_STARTERS, steps, c.FIELD_TOLERANCE)
 
 
 def find_plane(likelihood: FieldLikelihood, rotation: Array, *orders: NDArray[np.bool_]) -> HomographyFit:

@@ -72,7 +72,7 @@ def levenberg_marquardt(
             return
 
 
-def least_of(
+def race(
     starts: Sequence[P],
     kept: Sequence[int],
     max_iterations: int,
@@ -90,10 +90,10 @@ def least_of(
         trials = sorted(trials, key=lambda trial: trial[0].cost)[:count]
         trials = [(next(run, reached), run) for reached, run in trials]
     reached, run = min(trials, key=lambda trial: trial[0].cost)
-    return last_of(chain([reached], run))
+    return last_point(chain([reached], run))
 
 
-def last_of(points: Iterable[P]) -> P:
+def last_point(points: Iterable[P]) -> P:
     """Return the last of the points that a fit reaches."""
     return deque(points, maxlen=1).pop()
 

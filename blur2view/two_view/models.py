@@ -97,7 +97,7 @@ class FundamentalManifold:
     def motion(self) -> tuple[Array, Array]:
         """Return the entries (8,) of the rotation's generator, and the epipole K t (3,), to first order."""
         K = intrinsic_matrix(self.intrinsics)
-        return entries_of(K @ cross_matrix(self.rotation_vector) @ self.inverse), K @ self.t
+        return generator_entries(K @ cross_matrix(self.rotation_vector) @ self.inverse), K @ self.t
 
 
 def intrinsic_matrix(intrinsics: Array) -> Array:
@@ -199,8 +199,8 @@ class HomographyFlow:
 
         ``basis`` (8, 2, N) is `velocity_basis` at the points, or the same whitened.
         """
-        middle = np.tensordot(entries_of(self.tangent()), basis, 1)
-        change = np.tensordot(entries_of(GENERATORS), basis, 1)[: len(self.change)]
+        middle = np.tensordot(generator_entries(self.tangent()), basis, 1)
+        change = np.tensordot(generator_entries(GENERATORS), basis, 1)[: len(self.change)]
         return np.concatenate([middle, points[:, self.axis] * change])
 
 
@@ -218,7 +218,7 @@ def velocity_basis(points: Array) -> Array:
     return np.array([along_x, along_y]).swapaxes(0, 1)
 
 
-def entries_of(A: Array) -> Array:
+def generator_entries(A: Array) -> Array:
     """Return the entries (..., 8), row by row, of generators (..., 3, 3) after A33 I is taken off.
 
     A multiple of the identity moves no point.

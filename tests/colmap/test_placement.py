@@ -62,7 +62,7 @@ def smears(name: str, time: float, points: Array, share: float, usable: int) -> 
     )
 
 
-def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
+def picture_motion(found: Placement, name: str) -> tuple[Array, Array]:
     by_name = {image.name: image for image in found.model.images.values()}
     step = by_name[name + "#close"].cam_from_world() * by_name[name + "#open"].cam_from_world().inverse()
     return rotation_vector(step.rotation.matrix()), step.translation
@@ -73,7 +73,7 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
     assert found.placed == tuple(NAMES) and found.refused == {}
     assert found.fraction == pytest.approx(SHARE, rel=0.02)
     for name in NAMES:
-        turn, move = motion_of(found, name)
+        turn, move = picture_motion(found, name)
         np.testing.assert_allclose(turn, SHARE * TURN, atol=2e-4)
         assert np.linalg.norm(move - SHARE * MOVE) < 0.1 * np.linalg.norm(SHARE * MOVE)
     assert found.model.num_reg_images() == 3 * FRAMES
@@ -85,7 +85,7 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
 def test_a_known_exposure_decides_where_smears_tell_none(tmp_path: Path, share: float, usable: int) -> None:
     found = place_views(*project(tmp_path, share=share, usable=usable), fraction=0.25)
     assert found.placed == tuple(NAMES) and found.fraction == 0.25
-    np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
+    np.testing.assert_allclose(picture_motion(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
 
 
 @pytest.mark.parametrize("lost", ["pose", "views"])
@@ -165,7 +165,7 @@ def test_frames_in_irregular_steps_are_placed_by_their_numbers(tmp_path: Path, n
     found = place_views(database, model)
     assert found.placed == tuple(names.values()) and found.fraction == pytest.approx(SHARE, rel=0.02)
     for name in names.values():
-        np.testing.assert_allclose(motion_of(found, name)[0], SHARE * TURN, atol=2e-4)
+        np.testing.assert_allclose(picture_motion(found, name)[0], SHARE * TURN, atol=2e-4)
 
 
 def test_colmap_goes_on_where_a_frame_was_refused(tmp_path: Path) -> None:

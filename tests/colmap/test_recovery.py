@@ -29,7 +29,7 @@ from blur2view.colmap.models import observed, photographs_of
 from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
 from blur2view.errors import DatabaseError, OutputError
-from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
+from blur2view.exposure.trajectory import CameraPath, Expected, changed, relative_motion
 from tests.support.blurred_plane import FOCAL, SIZE, BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
@@ -68,7 +68,7 @@ def recovery(folder: Path, network: ExactSmears) -> Recovery:
 
 def apart(pose: Array, truth: Array) -> tuple[float, float]:
     """Return degrees and distance of two poses."""
-    change = change_of(pose, truth)
+    change = relative_motion(pose, truth)
     return float(np.degrees(np.linalg.norm(change[:3]))), float(np.linalg.norm(change[3:]))
 
 
@@ -83,7 +83,7 @@ def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k:
         missed = (PLANE.pixels(k, pose) - PLANE.pixels(k))[inside]
         errors.append(np.sqrt((missed**2).sum(axis=1).mean()))
     assert errors[0] < min(errors[1] / 10, 0.3)
-    error = change_of(found.pose, PLANE.pose(k))
+    error = relative_motion(found.pose, PLANE.pose(k))
     assert error @ np.linalg.solve(found.covariance, error) < 16.8  # 99 % of six degrees of freedom
 
 
@@ -140,7 +140,7 @@ def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
         changed(start, change), information, np.zeros(9), np.zeros(6), np.zeros(0, int), none, 0.0, 0
     )
     pose, covariance = weighted_mean(found, expected)
-    np.testing.assert_allclose(change_of(start, pose), change / 2, atol=1e-3)
+    np.testing.assert_allclose(relative_motion(start, pose), change / 2, atol=1e-3)
     np.testing.assert_allclose(covariance, np.diag(sigma**2) / 2, atol=1e-4)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera import Camera
-from blur2view.exposure.sequence import Matches, estimate_frames, in_time, motion_of
+from blur2view.exposure.sequence import Matches, estimate_frames, in_time, picture_motion
 from blur2view.geometry.pose import rotation_flow
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import timestamp_of
@@ -102,7 +102,7 @@ def test_both_neighbours_show_the_motion_of_a_frame_forwards(
 
     def keep(one: Estimate, matches: dict[int, Matches]) -> Estimate:
         for steps, pair in matches.items():
-            shown.append(np.array([steps, *np.median(motion_of({steps: pair}).velocity, axis=0)]))
+            shown.append(np.array([steps, *np.median(picture_motion({steps: pair}).velocity, axis=0)]))
         return one
 
     monkeypatch.setattr("blur2view.exposure.sequence.in_time", keep)

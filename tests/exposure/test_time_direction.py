@@ -18,7 +18,7 @@ from blur2view.exposure.sequence import (
     features_of,
     frame_times,
     match_features,
-    motion_of,
+    picture_motion,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.configuration import Configuration
@@ -81,7 +81,7 @@ def views(scene: Clip) -> ExposureViews:
 
 def motion(scene: Clip) -> PictureMotion:
     """Give what the frames before and after show."""
-    return motion_of({k: (scene.seen(0.0), scene.seen(INTERVAL * k)) for k in (-1, 1)}, CAMERA)
+    return picture_motion({k: (scene.seen(0.0), scene.seen(INTERVAL * k)) for k in (-1, 1)}, CAMERA)
 
 
 def time_reversed(given: ExposureViews) -> ExposureViews | None:
@@ -109,10 +109,13 @@ def test_neighbours_decide_the_signs_of_time_and_translation(
 def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> None:
     scene = clip(6)
     given = views(scene)
-    few, still = motion_of({1: (scene.pixels[:5], scene.pixels[:5] + 1)}), motion_of({1: (scene.pixels,) * 2})
+    few, still = (
+        picture_motion({1: (scene.pixels[:5], scene.pixels[:5] + 1)}),
+        picture_motion({1: (scene.pixels,) * 2}),
+    )
     none = replace(given, geometry=replace(given.geometry, inlier_mask=np.zeros(300, bool)))
     for found in (
-        directed(given, motion_of({})),
+        directed(given, picture_motion({})),
         directed(given, few),
         directed(given, still),
         directed(none, motion(scene)),

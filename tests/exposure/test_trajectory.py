@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, change_of, exposures
+from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, exposures, relative_motion
 from blur2view.geometry.pose import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
@@ -54,7 +54,7 @@ def swing(period: float) -> tuple[CameraPath, Array]:
         R = rotation_matrix(0.05 * phase[:3])
         return np.column_stack([R, -R @ (0.01 * phase[3:])])
 
-    true = [change_of(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(24)]
+    true = [relative_motion(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(24)]
     return path_of([pose(k) for k in range(24)]), np.array(true)
 
 

@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 from blur2view.arrays import Array
 from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
-from blur2view.exposure.trajectory import change_of, changed
+from blur2view.exposure.trajectory import changed, relative_motion
 from blur2view.geometry.pose import rotation_matrix, rotation_vector
 from tools.command import publish, run, table
 from tools.rendering.video import Shake, VideoOptions, write_video
@@ -110,7 +110,7 @@ def centre_of(pose: Array) -> Array:
 def placed_steps(poses: Poses) -> Poses:
     """Return the changes (2, 6) from frames to their views, by name, in a model with these poses."""
     return {
-        name: np.array([change_of(pose, poses[f"{name}#{end}"]) for end in ("open", "close")])
+        name: np.array([relative_motion(pose, poses[f"{name}#{end}"]) for end in ("open", "close")])
         for name, pose in poses.items()
         if f"{name}#open" in poses and f"{name}#close" in poses
     }
@@ -130,7 +130,7 @@ def interpolated_steps(poses: Poses, share: float) -> Poses:
         return np.column_stack([R, -R @ place[3:]])
 
     return {
-        name: np.array([change_of(poses[name], at(index + step)) for step in (-share / 2, share / 2)])
+        name: np.array([relative_motion(poses[name], at(index + step)) for step in (-share / 2, share / 2)])
         for index, name in enumerate(names)
     }
 
@@ -154,7 +154,7 @@ def pixels(pose: Array, options: VideoOptions) -> Array:
 def errors(step: Array, path: Shake, options: VideoOptions) -> list[float]:
     """Return the errors of changes (2, 6) in the better order of ends: degrees, units of depth, pixels."""
     middle = np.eye(3, 4)
-    true = [changed(middle, change_of(path.pose(0.0), path.pose(tau))) for tau in TIMES / 2]
+    true = [changed(middle, relative_motion(path.pose(0.0), path.pose(tau))) for tau in TIMES / 2]
     found = []
     for one in (step, step[::-1]):
         ends = list(zip([changed(middle, change) for change in one], (true[0], true[-1]), strict=True))

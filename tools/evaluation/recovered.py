@@ -23,7 +23,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.frame_sequence import NEAR_FRAMES
 from blur2view.colmap.recovery import adjust, recover_frames
-from blur2view.exposure.trajectory import CameraPath, change_of
+from blur2view.exposure.trajectory import CameraPath, relative_motion
 from blur2view.images.image import read_picture
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import publish, run, table
@@ -138,7 +138,7 @@ def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_len
 
 def errors(pose: Array, true: Array, step: float) -> tuple[float, float]:
     """Return degrees, and steps from centre to centre, of two poses."""
-    degrees = float(np.degrees(np.linalg.norm(change_of(pose, true)[:3])))
+    degrees = float(np.degrees(np.linalg.norm(relative_motion(pose, true)[:3])))
     return degrees, float(np.linalg.norm(centre_of(pose) - centre_of(true))) / step
 
 
@@ -161,7 +161,7 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
         assert expected is not None
         record["spline"].append(errors(expected.pose, true, step))
         if frame := found.recovered.get(name):
-            change = change_of(frame.pose, true)
+            change = relative_motion(frame.pose, true)
             record["recovered"].append(errors(frame.pose, true, step))
             record["points"].append(len(frame.points))
             far = change @ np.linalg.solve(frame.covariance, change)

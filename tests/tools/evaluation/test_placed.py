@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.exposure.trajectory import change_of, changed
+from blur2view.exposure.trajectory import changed, relative_motion
 from blur2view.geometry.pose import rotation_matrix
 from tools.evaluation import placed
 from tools.rendering.video import VideoOptions, sample_exposures
@@ -15,12 +15,12 @@ POSES = {f"f_{index:03d}.png": path.pose(0.0) for index, path in enumerate(PATHS
 
 def test_the_true_ends_have_no_error_in_either_order_and_others_have() -> None:
     path = PATHS[2]
-    step = np.array([change_of(path.pose(0.0), path.pose(tau)) for tau in (-0.5, 0.5)])
+    step = np.array([relative_motion(path.pose(0.0), path.pose(tau)) for tau in (-0.5, 0.5)])
     for one in (step, step[::-1]):
         degrees, depth, px = placed.errors(one, path, OPTIONS)
         assert degrees < 1e-5 and depth < 1e-9
         assert px < 0.1 * placed.errors(0 * step, path, OPTIONS)[2]  # its bend
-    turned = change_of(
+    turned = relative_motion(
         np.eye(3, 4), rotation_matrix(np.radians([0, 0.2, 0])) @ changed(np.eye(3, 4), step[0])
     )
     assert placed.errors(np.array([turned, step[1]]), path, OPTIONS)[0] == pytest.approx(0.1, rel=1e-3)
