@@ -50,6 +50,10 @@ class TwoViewGeometry:
     models: tuple[ModelRow, ...] = ()  # those compared, likeliest first
     independent_smears: float = 0.0  # how many smears err independently of each other
     support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
+    # Of the robust search for F: samples that it drew, and share of the smears that followed its best F to
+    # within three standard deviations, from which it knows when to end.
+    num_trials: int = 0
+    inlier_ratio: float = 0.0
     refusal: Refusal | None = None  # why no model was fitted
     support: Support | None = None  # of the F of least cost, be it given or not
     few_follow_F: bool = False  # whether parallax would be proven if more smears followed F

@@ -129,6 +129,8 @@ class Record:
         and a tenth of their length, or below two of their own standard deviations."""
     )
     support_by_chance: float | None = geometric("Share that would fit if directions were random.")
+    num_trials: int | None = geometric("Samples that the robust search for F drew, as COLMAP counts them.")
+    inlier_ratio: float | None = geometric("Share of the smears that followed the best F of that search.")
     E: Matrix | None = geometric("Essential matrix of known intrinsics.")
     cam2_from_cam1: dict[str, Any] | None = geometric(
         """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
@@ -268,6 +270,8 @@ class Record:
             "num_matches": len(estimate.matches),
             "num_inliers": int(geometry.inlier_mask.sum()),
             "support_by_chance": geometry.support_by_chance,
+            "num_trials": geometry.num_trials,
+            "inlier_ratio": geometry.inlier_ratio,
             "backward": None if geometry.backward is None else _geometry(geometry.backward),
             "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
             "time_known": estimate.time.known,

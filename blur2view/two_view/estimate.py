@@ -164,7 +164,7 @@ def as_recorded(
     if (refusal := find_refusal(matches)) is not None:
         return degenerate_geometry(matches, refusal)
     straight = matches if camera is None else undistorted(matches, camera)
-    smears, fit = search_and_fit(NormalisedSmears.of(straight, camera), rng)
+    smears, fit, search = search_and_fit(NormalisedSmears.of(straight, camera), rng)
     F = denormalise(fit.point.matrix(), smears.T)
     inliers, by_chance = inliers_and_chance(F, smears, options)
     support = Support(num_inliers=int(inliers.sum()), count=len(inliers), by_chance=by_chance)
@@ -196,6 +196,8 @@ def as_recorded(
         models=choice.models,
         independent_smears=smears.effective_count,
         support_by_chance=by_chance,
+        num_trials=search.iterations,
+        inlier_ratio=search.inlier_ratio,
     )
     return in_order(geometry, matches, camera)
 

@@ -23,7 +23,7 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.least_squares import last_point, levenberg_marquardt, race, reweighted_motion
 from blur2view.two_view.likelihood import NormalisedSmears, OrderedResiduals
 from blur2view.two_view.models import UNROTATED, FundamentalManifold
-from blur2view.two_view.ransac import ransac
+from blur2view.two_view.ransac import Report, ransac
 
 MIN_LENGTH = np.float32(1e-6)  # of a smear over the focal length: shorter ones have no direction
 ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
@@ -225,15 +225,15 @@ class DirectionLikelihood:
 
 def search_and_fit(
     smears: NormalisedSmears, rng: np.random.Generator
-) -> tuple[NormalisedSmears, FundamentalFit]:
-    """Return F, fitted after a robust search, and the smears with noise as the residuals of F show it.
+) -> tuple[NormalisedSmears, FundamentalFit, Report]:
+    """Return the smears with noise as the residuals of F show it, F, and the report of the search for it.
 
     F starts from the search, from a pure translation and, where many smears are independent, from the
     likeliest directions of translation: without these 3 of 46 scenes of exact smears end in another minimum.
     """
     estimator = SmearEstimator(smears=smears)
-    searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
-    starts = [simple] if searched is None else [searched, simple]
+    search, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
+    starts = [simple] if search.model is None else [search.model, simple]
     if smears.has_many_independent:
         grid = DirectionLikelihood(smears=smears.fully_correlated)
         starts += [cross_matrix(t) @ rotation_matrix(w) for w, t in grid.likeliest(c.GRID_STARTS)]
@@ -241,7 +241,7 @@ def search_and_fit(
     points = [FundamentalManifold.from_matrix(F, smears.prior_sigma) for F in starts]
     point = fit_best(points, rough).point
     measured = with_measured_noise(smears, point.matrix())  # as the fitted F has it
-    return measured, fit_best([point], measured)
+    return measured, fit_best([point], measured), search
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalManifold:

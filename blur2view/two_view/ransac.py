@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -37,8 +38,17 @@ class Estimator(Protocol):
         """Return the share of data that follow a model."""
 
 
-def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
-    """Return the model of least cost, None if no sample gave a model; deterministic given the state of rng.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report:
+    """What the loop found, and how."""
+
+    model: Models | None  # of least cost; None if no sample gave a model
+    iterations: int  # samples that were drawn
+    inlier_ratio: float  # share of the data that follow the model, by `Estimator.inlier_share`
+
+
+def ransac(estimator: Estimator, rng: np.random.Generator) -> Report:
+    """Return the model of least cost, deterministic given the state of rng.
 
     A model is refined if its cost on all data is below that of every sampled model before it. The cheaper of
     it and the refined one becomes the best if it costs less than the best so far.
@@ -49,7 +59,7 @@ def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
     """
     order = rng.permutation(estimator.count)
     best: Models | None = None
-    cost, sampled_cost = np.inf, np.inf
+    cost, sampled_cost, ratio = np.inf, np.inf, 0.0
     for iterations in range(BATCH, MAX_ITERATIONS + BATCH, BATCH):
         models = preempt(estimator, estimator.generate_models(BATCH, rng), order)
         costs = estimator.score(models, order)
@@ -61,10 +71,10 @@ def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
             if its.min() < cost:
                 cost, best = float(its.min()), both[int(np.argmin(its))]
         if best is not None:
-            share = estimator.inlier_share(best)
-            if iterations >= needed_iterations(share, estimator.sample_size):
+            ratio = estimator.inlier_share(best)
+            if iterations >= needed_iterations(ratio, estimator.sample_size):
                 break
-    return best
+    return Report(model=best, iterations=iterations, inlier_ratio=ratio)
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Models:

@@ -72,6 +72,7 @@ def test_every_kind_is_named_and_has_its_model(
             assert transfer_px(geometry.H, scene) < 0.3
             assert 0.6 < geometry.inlier_mask.mean() <= 1  # 0 to 30 % outliers
             assert geometry.support_by_chance < 0.2
+            assert geometry.num_trials > 0 and geometry.inlier_ratio > 0.5
     assert undecided <= 1
 
 

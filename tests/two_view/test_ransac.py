@@ -51,9 +51,9 @@ def problem(**shares: float) -> Location:
 
 def test_finds_the_cluster_and_refines_it() -> None:
     location = problem()
-    found = ransac(location, np.random.default_rng(1))
-    assert found is not None and location.refined > 0
-    assert abs(float(found) - 5) < 0.05
+    report = ransac(location, np.random.default_rng(1))
+    assert report.model is not None and location.refined > 0
+    assert abs(float(report.model) - 5) < 0.05
 
 
 def test_ends_when_a_better_sample_is_unlikely() -> None:
@@ -68,8 +68,9 @@ def test_ends_when_a_better_sample_is_unlikely() -> None:
             return rng.choice(location.values, samples)
 
         location.generate_models = generate  # type: ignore[method-assign]
-        ransac(location, np.random.default_rng(1))
-        drawn.append(batches * BATCH)
+        report = ransac(location, np.random.default_rng(1))
+        assert (report.iterations, report.inlier_ratio) == (batches * BATCH, inliers)
+        drawn.append(report.iterations)
     needed = np.log(0.01) / np.log(0.97)
     assert drawn[0] == BATCH and needed <= drawn[1] < needed + BATCH
     assert MAX_ITERATIONS <= drawn[2] < MAX_ITERATIONS + BATCH
