@@ -10,8 +10,8 @@ Conventions, used everywhere
   blended and tiled in double angle only, and decoded last.
 - F: ``points2^T F points1 = 0`` with 1 = shutter open, 2 = shutter close, ||F|| = 1. Which end of time
   is which stays open for the whole image: F and its transpose are one answer.
-- Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length or, where neither parallax is proven
-  nor its direction known to 30 degrees, zero; a pose and its inverse are one answer (with a rolling
+- Poses are ``cam2_from_cam1``: X2 = R X1 + t, t of unit length, or zero where its direction is unknown
+  (``TRANSLATION_RULE`` of two_view/constants.py); a pose and its inverse are one answer (with a rolling
   shutter: the two of ``reversed()``).
 - Thresholds named ``max_error_px`` are pixels; residuals and SErrMin are squared pixels.
 - Decoded images are float32 (H, W, 3), RGB, sRGB-coded, in [0, 1].

@@ -18,6 +18,7 @@ from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.configuration import Parallax
 from blur2view.results.record import Record
+from blur2view.two_view.constants import TRANSLATION_RULE
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -38,13 +39,13 @@ a fresh database: appears whole or not at all. Photographs without intrinsics ge
 order in time: one photograph does not show which view came first; neighbours in a video do. Where they do not
     decide, one direction is taken and marked unknown
 """
-DOCUMENT = """
+DOCUMENT = f"""
 target: (str) The database that was written.
 backup: (str or null) The copy of the database from before, with --link.
 photographs: (list) Those that were written: the record of blur2view estimate, in which num_matches and
     num_inliers count matches of both views; and image, its path; views, the names of both; action, added or
-    replaced; num_keypoints of each view; translation_known, whether parallax is proven or the direction known
-    to 30 degrees.
+    replaced; num_keypoints of each view; translation_known, whether there is a translation: it
+    is {TRANSLATION_RULE}.
 failures: (list) Photographs that failed: image, error.
 """
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Self
 from blur2view.geometry.configuration import MotionModel
 from blur2view.results.verdict import use_of, verdict
 from blur2view.smears.blur import BlurKind
+from blur2view.two_view.constants import TRANSLATION_RULE
 
 if TYPE_CHECKING:
     from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -133,8 +134,8 @@ class Record:
     inlier_ratio: float | None = geometric("Share of the smears that followed the best F of that search.")
     E: Matrix | None = geometric("Essential matrix of known intrinsics.")
     cam2_from_cam1: dict[str, Any] | None = geometric(
-        """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
-        is zero where neither parallax is proven nor its direction known to 30 degrees; the rotation is then
+        f"""Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
+        is {TRANSLATION_RULE}; the rotation is then
         the one that explains the smears alone, or the mean over all directions."""
     )
     pose_covariance: dict[str, Any] | None = geometric(

@@ -115,6 +115,8 @@ GRID_STARTS, GRID_APART = 3, 0.9
 GRID_PARTS = 4  # parts of the directions, each of which a cache holds; all at once take a third longer: bound
 GRID_ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears: bound
 KNOWN_DEG = 30.0  # deviation of its direction below which a translation is given
+# The one sentence of it: `Record.cam2_from_cam1` and `blur2view to-colmap --json` say it to users.
+TRANSLATION_RULE = f"zero where neither parallax is proven nor its direction known to {KNOWN_DEG:g} degrees"
 # By which the inverse normal matrix is multiplied: squared errors over those that it states. With 4 the
 # nominal 90 % regions of `tools.evaluation.pose_coverage` hold the truth in 87 to 100 % of 60 seeds.
 COVARIANCE_FACTOR = 4.0
