@@ -113,7 +113,7 @@ def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Pat
         camera = lens.camera_of(path, SIZE, exif)
         assert camera is not None and camera.known and camera.source == source
         assert camera.focal_px == pytest.approx(focal_px)
-    with pytest.raises(CameraError, match="EXIF names no focal length; give it"):
+    with pytest.raises(CameraError, match="EXIF states no focal length; give it"):
         CameraStated(camera="exif").camera_of(path, SIZE, ExifValues())
 
 

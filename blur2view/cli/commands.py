@@ -18,22 +18,23 @@ from blur2view.cli.terminal import EXIT_CODES, FAILED, INTERRUPTED, UNREAD, comp
 from blur2view.errors import Blur2ViewError
 
 COMMANDS = {
-    "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",
-    "segment": "segment what moves by itself from what the camera's motion explains",
-    "to-colmap": "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP",
-    "place": "put the views of a linked project into COLMAP's model of its frames",
-    "recover": "register the frames of a video that COLMAP's model lacks because they are too blurred for it",
-    "to-transforms": "write a COLMAP model with views as transforms.json, for radiance fields of blurred "
-    "photographs",
-    "reconstruct": "make a scene of a blurred video: its frames with a pose each, ready to train",
-    "report": "write one HTML page that shows the result of each photograph",
-    "triage": "sort photographs by their blur: sharp, blurred by motion, out of focus, unclear",
+    "estimate": "tell how the camera moved while the shutter was open: F and, with intrinsics, E and the "
+    "pose",
+    "segment": "mark what moves by itself in photographs of a moving camera",
+    "to-colmap": "write each photograph into a COLMAP database as two images, at shutter-open and "
+    "shutter-close",
+    "place": "add both views of each frame to COLMAP's model, after to-colmap --link",
+    "recover": "put the blurred frames that COLMAP refused back into its model",
+    "to-transforms": "write a COLMAP model with views for trainers of radiance fields (transforms.json)",
+    "reconstruct": "make a scene of a blurred video: its frames with their poses, ready to train",
+    "report": "write one HTML page that shows the results of photographs",
+    "triage": "sort photographs by their blur, and choose the sharpest frames of a video",
 }
 DESCRIPTION = (
     "Use what motion blur tells: choose the sharpest frames of a video, put frames that COLMAP refused back "
     "into its model, let radiance fields know the blur, measure how fast the camera turned, mask what moves "
     "by itself, estimate F of a single photograph. "
-    "blur2view COMMAND --help explains a command, --help-all all its options and files."
+    "'blur2view COMMAND --help' explains a command, and --help-all lists all of its options and files."
 )
 
 
@@ -64,12 +65,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
             return UNREAD
         name = error.filename or "what is printed, or the current folder"
-        complain(Blur2ViewError(f"{name}: cannot be used ({error.strerror}); check path and permissions"))
+        why = f"cannot be used ({error.strerror}); check the path and its permissions"
+        complain(Blur2ViewError(f"{name}: {why}"))
     return FAILED
 
 
 def _of_system(error: Exception, *, jobs: bool) -> Blur2ViewError:
-    """Return the line of an error that comes of little memory, whatever raises it; any other is raised."""
+    """Return the line for an error that too little memory caused; any other error is raised again."""
     said = " ".join(str(error).split())
     if isinstance(error, MemoryError) or "start new thread" in said:
         return Blur2ViewError(f"too little memory; free some{', or add --jobs 1' if jobs else ''}")
@@ -79,7 +81,7 @@ def _of_system(error: Exception, *, jobs: bool) -> Blur2ViewError:
 
 
 def parse(words: Sequence[str]) -> Any:
-    """Return the options of the command that the first word names; wrong usage is one line, and exits."""
+    """Return the options of the command that the first word names; wrong usage prints one line and exits."""
     command = next(iter(words), "")
     if command in COMMANDS:
         return parser_of(command, everything="--help-all" in words).read(words[1:])

@@ -23,29 +23,33 @@ from blur2view.smears.kernels import blur_kernels
 ENDINGS = (".smear.npz", ".png", ".json")
 CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
-CALIBRATED: the same with known intrinsics: E and the pose, too
-PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
-PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: a rotation or a plane does, but "no motion" is the likeliest single model, with a
-    probability of at most one half: the same
-DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
-UNDEFINED: the best F explains hardly more smears than chance: none is given
+CALIBRATED: the same with known intrinsics: F, E and the pose
+PANORAMIC: a rotation explains the smears: H, and also F where parallax is undecided
+PLANAR: motion past one plane explains the smears: H, and also F where parallax is undecided
+PLANAR_OR_PANORAMIC: a rotation or a plane explains the smears, although "no motion" is the likeliest single
+    model with a probability of at most one half: H, and also F where parallax is undecided
+DEGENERATE: the smears are too few, too short or collinear, the camera stood still, or the picture is
+    constant: no F
+UNDEFINED: the best F explains hardly more smears than chance does: no F
 """
 FILES = """
-<stem>.json: the JSON document of the photograph; written last: what --resume goes on with
-<stem>.smear.npz: smear_grid (h, w, 4), float16: the network's own grid, stride pixels a cell, cell j's
-    centre at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d|
-    sin 2phi of its smear d in pixels, sigma_px and sigma_rad, the standard deviations of the whole (pixels)
-    and of its direction (radians). blur_grid (h, w, 6), float16: the radius out of focus, pixels, and the
-    probabilities of sharp, out of focus, smeared, both, cannot tell. blur2view.load_smears(FILE).at_pixels()
-    has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel. ends (N, 2, 2),
-    match_sigma_px, inlier_mask, second_end_is_open (N): the smears that were used, their sigma as the
-    estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
-<stem>.kernels.npz: with --kernels: whole (K, K), the photograph's blur kernel, and blur_kernels (h, w, K, K),
-    every cell's, of sum 1, in linear light, in pixels; known (h, w), whether a cell shows its blur; stride,
-    pixels a cell. The length and the angle of the whole are smear_px and direction_deg of the JSON document
-<stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
-    lines white and the epipole, to or from which the camera moved, ringed; below it the verdict
+<stem>.json: the JSON document of the photograph; it is written last, and --resume reads it
+<stem>.smear.npz: smear_grid (h, w, 4), float16, is the grid that the network reads: a cell has stride x
+    stride pixels, and the centre of cell j lies at pixel stride j + (stride - 1) / 2. Each cell holds |d| cos
+    2phi and |d| sin 2phi of its smear d in pixels, and the standard deviations sigma_px of the smear (pixels)
+    and sigma_rad of its direction (radians). blur_grid (h, w, 6), float16, holds the radius of defocus in
+    pixels, and the probabilities of sharp, out of focus, smeared, both, and cannot tell. shape is that of the
+    photograph. blur2view.load_smears(FILE).at_pixels() returns displacement (H, W, 2), sigma_px and sigma_rad
+    (H, W), float32, at every pixel. ends (N, 2, 2) are the smears that were used, match_sigma_px (N) the
+    standard deviations by which the estimator weighs them, inlier_mask (N) tells whether they fit, and
+    second_end_is_open (N) whether ends[:, 1] is the open end
+<stem>.kernels.npz: written with --kernels: whole (K, K) is the blur kernel of the photograph, and
+    blur_kernels (h, w, K, K) are those of its cells, in pixels, for linear light, each with sum 1; known (h,
+    w) tells whether a cell shows its blur, and a cell has stride x stride pixels. The JSON document has the
+    length and the angle of the whole as smear_px and direction_deg
+<stem>.png: the photograph with its smears: those that fit are coloured by their direction, the others are
+    grey; where there is no H, epipolar lines are white, and a ring marks the epipole, towards or away from
+    which the camera moved. The verdict stands below
 """
 
 
@@ -53,25 +57,26 @@ FILES = """
 class EstimateOptions(Command):
     """The options of ``blur2view estimate``.
 
-    Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the
-    fundamental matrix F between what the camera saw when the shutter opened and when it closed, with known
-    intrinsics the essential matrix and the pose. Where no F can be trusted the configuration and its reason
-    say why. Prints two lines about one photograph, one line about each of several; with -o writes files
-    beside each other.
+    Estimate how the camera moved during the exposure of each photograph: the fundamental matrix F between
+    what it saw when the shutter opened and when it closed and, if its intrinsics are known, the essential
+    matrix and the pose. Where no F can be trusted, the configuration and its reason say why. The command
+    prints a line for each photograph; -o also writes files.
     """
 
     folder: Folder = Folder()
     document: Document = Document()
     order: Order = Order()
     in_time: InTime = InTime()
-    gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow,
-        called as the video but .gcsv, with --focal or --camera: those of frames of which it is known which
-        end of the exposure came first""")
+    gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow;
+        name FILE like the video, with the ending .gcsv. It needs --focal or --camera, and holds the frames
+        whose order in time is known""")
 
     kernels: bool = flag("""--kernels: also write the blur kernels of the photograph and of its cells, for
-        programs that deconvolve, as DIR/<stem>.kernels.npz""")
+        programs that deconvolve; they go into DIR/<stem>.kernels.npz""")
 
-    exit_codes = Command.exit_codes | {"0": "done; a photograph without F is a result, with its reason"}
+    exit_codes = Command.exit_codes | {
+        "0": "done; a photograph without F is a result too, and has its reason"
+    }
     examples = (
         "blur2view estimate models/sample.jpg -o out",
         "blur2view estimate photographs --recursive -o results --resume",
@@ -89,9 +94,9 @@ class EstimateOptions(Command):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gyroflow is not None and not self.stated_camera.given:
-            raise ValueError("--gyroflow is about rates, which need --focal or --camera")
+            raise ValueError("--gyroflow needs the focal length; add --focal PX or --camera")
         if self.kernels and self.folder.output is None:
-            raise ValueError("--kernels needs a folder; name it with -o")
+            raise ValueError("--kernels needs a folder of results; name it with -o")
 
     @property
     def endings(self) -> tuple[str, ...]:
@@ -103,7 +108,7 @@ class EstimateOptions(Command):
         run, log = Run(self, self.endings), self.gyroflow
         if log is not None and not run.inputs.one_video:
             raise OutputError(
-                f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
+                f"{log}: a log of rates holds one video; name one video only, or omit --gyroflow"
             )
         run.do(estimate_one, listed="estimates", gyroflow=log)
         if log is not None and run.done and not run.early_exit_code:

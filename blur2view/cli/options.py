@@ -1,4 +1,4 @@
-"""Groups of options, of which commands over photographs are composed.
+"""Groups of options that the commands over photographs share.
 
 `run.digest_of` lists those on which the result of a photograph depends.
 """
@@ -46,19 +46,21 @@ class Printing:
 class Reading:
     """Input."""
 
-    images: list[str] = required("""INPUT: photographs, folders of photographs (or, without any, of videos),
-        videos and animated GIFs, or lists of them as @LIST, or - from standard input; JPEG, PNG, TIFF, WebP,
-        AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8
-        or 16 bits, with the extras heic and raw also HEIC and RAW. Frames of a video are named VIDEO/000120
-        by their number. A list names one of these on each line, as seen from here or else from the list's
-        folder (blank lines are passed over, and those that begin with # and name no file). What is named
-        twice is done once""")
-    recursive: bool = flag("--recursive: folders stand for their subfolders as well")
-    every: int = option("--every N: of a video take one frame in N (default: all)", 1)
+    images: list[str] = required("""INPUT: photographs, folders, videos and animated GIFs, lists of them
+        (@LIST), or - for a list from standard input; a folder stands for the photographs in it or, if it has
+        none, for its videos. Photographs are JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM or TGA
+        files of 8 or 16 bits, and with the extras heic and raw also HEIC and RAW files. VIDEO/000120 names
+        one frame of a video by its number. A list has one name on each line, relative to the current folder
+        or else to the folder of the list; blank lines are skipped, and so are lines that begin with # unless
+        there is a file of that name. A photograph that is named twice is processed once""")
+    recursive: bool = flag("--recursive: also read the subfolders of folders")
+    every: int = option("--every N: take one frame in N of a video (default: all)", 1)
     first: Annotated[float, frame_or_seconds] = rare_option(
-        "--from FRAME: the first frame of a video: a number from 0, or a time as 12.5s", 0
+        "--from FRAME: first frame to take of a video: a number, counted from 0, or a time such as 12.5s", 0
     )
-    last: Annotated[float | None, frame_or_seconds] = rare_option("--to FRAME: the last frame, included")
+    last: Annotated[float | None, frame_or_seconds] = rare_option(
+        "--to FRAME: last frame to take of a video, a number or a time"
+    )
 
     def inputs(self) -> Inputs:
         """Return the photographs that are named; ImageError if a list cannot be read."""
@@ -73,17 +75,18 @@ class CameraStated:
 
     Known intrinsics give the essential matrix E and the pose.
 
-    Without these options the focal length of EXIF, where there is one, is a hint, and nothing is called
-    calibrated. What is stated here is believed.
+    Without these options the focal length that EXIF states is only a hint, and the geometry stays
+    uncalibrated. A camera that is given here is taken as exact.
     """
 
     either = ("focal", "camera")
     focal: Annotated[float | None, focal_px] = option("""--focal PX: focal length in pixels; the principal
         point is the photograph's centre""")
-    camera: str | None = option("""--camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL
-        WIDTH HEIGHT PARAMS...", for example "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but
-        EQUIRECTANGULAR, one of another size is scaled), a COLMAP database as "project.db" (the camera of the
-        image of this name) or "project.db:ID", or "exif" to take the focal length of EXIF for true""")
+    camera: str | None = option("""--camera CAMERA: camera in COLMAP's form "MODEL WIDTH HEIGHT PARAMS...",
+        for example "SIMPLE_RADIAL 640 480 525 320 240 0.05", or a COLMAP database, or "exif"; it takes the
+        place of --focal. Any model but EQUIRECTANGULAR will do, and a camera of another size is scaled.
+        "project.db" takes the camera of the image with the photograph's name, "project.db:ID" the camera with
+        this number, and "exif" takes the focal length of EXIF as exact""")
 
     def __post_init__(self) -> None:
         if self.focal is not None:
@@ -105,7 +108,8 @@ class CameraStated:
     def camera_of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of a photograph of this (width, height), upright, as far as it is stated.
 
-        CameraError if EXIF is asked for and has none, a database cannot be used, or the size does not fit.
+        Raises CameraError if EXIF has to state the focal length and does not, if a database cannot be used,
+        or if the size does not fit.
         """
         if self.focal is not None:
             return Camera.from_focal(self.focal, image_size)
@@ -113,7 +117,7 @@ class CameraStated:
             return exif.camera(image_size)
         if self.camera == "exif":
             if (camera := exif.camera(image_size, log_focal_sigma=0.0)) is None:
-                raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
+                raise CameraError(f"{path}: EXIF states no focal length; give it with --focal PX")
             return camera
         stored = database_named(self.camera)
         camera = Camera.from_string(self.camera) if stored is None else camera_of_database(*stored, str(path))
@@ -127,29 +131,30 @@ class CameraStated:
 class Order:
     """Time."""
 
-    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
-        after each one show which end of its exposure came first, so that rates are one series; with
-        --no-sequence not even the frames of a video do (default: those of a video)""")
+    sequence: bool | None = option("""--sequence: treat the photographs as the frames of one video, in this
+        order; the frames before and after each one then show which end of its exposure came first, so that
+        the rates form one series. With --no-sequence each frame of a video is estimated by itself (default:
+        frames of a video are a sequence, photographs are not)""")
 
 
 @dataclass(frozen=True, kw_only=True)
 class InTime:
     """Time."""
 
-    exposure: Annotated[float | None, exposure_s] = option("""--exposure S: exposure time in seconds, as 0.04,
-        1/25 or 40ms, with --focal or --camera: the angular velocity is the rotation over it (default: that of
-        EXIF)""")
-    readout: Annotated[float | None, seconds] = rare_option("""--readout S: of a rolling shutter, with --focal
-        or --camera: seconds from the start of exposure of the first row to that of the last one; rows are
-        those of the file as stored. A point that moves with the rows is seen for longer, so the motion
-        differs with the order in time: one is given, of both that which has less parallax, the other is
-        backward in the JSON document""")
+    exposure: Annotated[float | None, exposure_s] = option("""--exposure S: exposure time in seconds, such as
+        0.04, 1/25 or 40ms; with --focal or --camera it turns the rotation into an angular velocity (default:
+        the exposure time of EXIF)""")
+    readout: Annotated[float | None, seconds] = rare_option("""--readout S: readout time of a rolling shutter
+        in seconds, from the start of exposure of the first row to that of the last one; it needs --focal or
+        --camera. Rows are those of the file as it is stored. A rolling shutter sees a point for longer if the
+        point moves in the direction of the readout, so that the two orders in time give two geometries. The
+        one with less parallax is printed, and the other one is "backward" in the JSON document""")
 
     def check(self, camera: CameraStated) -> None:
-        """Raise ValueError if rates are asked for without intrinsics, or the shutter is too slow."""
+        """Raise ValueError if rates are requested without intrinsics, or if the shutter is too slow."""
         for name in ("exposure", "readout"):
             if getattr(self, name) and not camera.given:
-                raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
+                raise ValueError(f"--{name} needs the focal length; add --focal PX or --camera")
         if self.readout is not None:
             RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
 
@@ -164,36 +169,36 @@ class Estimating:
     """
 
     beta: float = rare_option(
-        """--beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that
-        may be used, the most certain ones (default: %(default)s)""",
+        """--beta SHARE: share of the network's smears that the estimator uses, the most certain ones first,
+        above 0 and at most 1; the network reads a smear every 32 pixels (default: %(default)s)""",
         SelectOptions.beta,
     )
     max_error: float = rare_option(
-        """--max-error PX: largest Sampson distance, in the better order of the ends, of an inlier
-        (default: %(default).4g, the square root of the paper's 3 squared pixels)""",
+        """--max-error PX: largest Sampson distance of an inlier, with its ends in the better order (default:
+        %(default).4g, the square root of the paper's 3 squared pixels)""",
         EstimatorOptions.max_error_px,
     )
     seed: Annotated[int, whole(0)] = rare_option(
-        """--seed N: of the random samples, 0 or more; equal seeds give equal results (default:
+        """--seed N: seed of the random samples, 0 or more; equal seeds give equal results (default:
         %(default)s)""",
         0,
     )
-    model: str | None = rare_option("""--model ONNX: a smear network, written by tools/training/export.py
-        (default: the shipped one)""")
-    provider: str | None = rare_option("""--provider NAME: let ONNX Runtime run the network on cuda, coreml,
-        openvino or what else its build has, for example onnxruntime-gpu; results differ by rounding (default:
-        the processor)""")
+    model: str | None = rare_option("""--model ONNX: smear network to use, as tools/training/export.py writes
+        it (default: the one that comes with blur2view)""")
+    provider: str | None = rare_option("""--provider NAME: run the network on cuda, coreml, openvino or
+        another provider of the installed ONNX Runtime; onnxruntime-gpu, for example, has cuda. Results differ
+        by rounding (default: the processor)""")
 
     def __post_init__(self) -> None:
         self.select()
         self.robust()
 
     def select(self) -> SelectOptions:
-        """Return which smears are used; ValueError if the share is not in range."""
+        """Return which smears are used; raises ValueError if the share is out of range."""
         return SelectOptions(beta=self.beta)
 
     def robust(self) -> EstimatorOptions:
-        """Return those of the robust estimator; ValueError if the error is not positive."""
+        """Return the options of the robust estimator; raises ValueError if the error is not positive."""
         return EstimatorOptions(max_error_px=self.max_error)
 
 
@@ -202,48 +207,49 @@ class Many:
     """Many photographs."""
 
     either = ("jobs", "dask")
-    jobs: int | None = option("""--jobs N: processes, of one thread each; any number gives the same bytes
-        (default: one per core)""")
+    jobs: int | None = option("""--jobs N: number of processes, each with one thread; the results do not
+        depend on it (default: one per core)""")
     dask: Annotated[str | None, dask_address] = rare_option("""--dask ADDRESS: let the workers of a Dask
-        cluster do the work, as of: dask scheduler; dask worker tcp://HOST:8786; --dask tcp://HOST:8786.
-        Photographs are sent, files are written here; the workers need this blur2view (pip install '.[dask]').
-        A scheduler is trusted like a shell: who reaches it can run programs on the workers and here;
-        blur2view itself listens nowhere. Not with a database's camera, nor with --link""")
+        cluster do the work, for example --dask tcp://HOST:8786 after "dask scheduler" on HOST and "dask
+        worker tcp://HOST:8786" on every machine; photographs are sent to the workers, and all files are
+        written here. The workers need the same blur2view (pip install '.[dask]'). Use only a cluster that you
+        trust: everyone who can reach its scheduler can run programs on the workers and on this machine.
+        blur2view itself opens no port. It excludes a camera from a database, and --link""")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
     """Output."""
 
-    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
+    json: bool = flag("--json: print one JSON document instead of the summaries")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Folder:
     """Output."""
 
-    output: Path | None = option("""-o, --output DIR: write files of each photograph, see below, into DIR, in
-        place of those of an earlier call""")
-    resume: bool = flag("""--resume: with -o: skip photographs whose results in DIR are all there, and of the
-        same content, options, network and version; do the others""")
+    output: Path | None = option("""-o, --output DIR: write the files of each photograph into DIR; they
+        replace those of an earlier call""")
+    resume: bool = flag("""--resume: skip photographs that an earlier call has finished; their results in DIR
+        must be complete, and of the same content, options, network and version. It needs -o""")
 
     def __post_init__(self) -> None:
         if self.resume and self.output is None:
-            raise ValueError("--resume goes on with results that are kept; name them with -o")
+            raise ValueError("--resume needs a folder of results; name it with -o")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
     """Output."""
 
-    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph, to standard output,
-        in place of the summaries, if FILE is -; blur2view triage --help-all names its columns. A table of an
-        earlier call is replaced, unless it has changed since""")
+    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph; - writes it to
+        standard output in place of the summaries. "blur2view triage --help-all" names its columns. The table
+        of an earlier call is replaced, unless you have changed it""")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """The options of any command over photographs."""
+    """The options that every command over photographs has."""
 
     table: Table = Table()
     reading: Reading
@@ -256,19 +262,21 @@ class Command:
     folder, document = Folder(), Document()  # likewise
     exit_codes = {
         "0": "done",
-        "1": "a photograph failed, with one line on stderr each; others are done all the same",
-        "130": "interrupted by Ctrl-C; files of photographs that are done are kept",
+        "1": "at least one photograph failed; each has a line on stderr, and all others are done",
+        "130": "interrupted by Ctrl-C; the files of photographs that are done are kept",
     }
     as_stored = False  # whether photographs are taken as they are stored, not upright
 
     def __post_init__(self) -> None:
         if self.document.json and self.table.csv == STANDARD_OUTPUT:
-            raise ValueError("--json and --csv - both print to standard output; name a file with --csv")
+            raise ValueError("--json and --csv - both write to standard output; name a file with --csv")
         if self.many.dask is not None and self.stated_camera.database is not None:
-            raise ValueError("the workers of --dask see no database; write its camera out")
+            raise ValueError(
+                "the workers of --dask cannot read a database; write the camera out with --camera"
+            )
         self.in_time.check(self.stated_camera)
 
     @property
     def silent(self) -> bool:
-        """Whether no summaries are printed, as asked, or because a document or a table is."""
+        """Whether summaries are left out, because of --quiet, or because a document or a table is printed."""
         return self.printing.quiet or self.document.json or self.table.csv == STANDARD_OUTPUT

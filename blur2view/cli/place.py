@@ -13,10 +13,11 @@ from blur2view.errors import DatabaseError
 from blur2view.files import writable_folder
 
 SHOWN = 3  # frames of each reason without -v
-REMEDY = "link all frames of the video (blur2view to-colmap --link), or state --fraction if all are sharp"
+REMEDY = "link all frames of the video (blur2view to-colmap --link), or give --fraction if all are sharp"
 WRITTEN = """
 DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
-    folder of the frames. What an earlier call wrote is replaced; a model of another program is not
+    folder of the frames. The model of an earlier call is replaced; a model that another program wrote is
+    refused
 """
 
 
@@ -24,19 +25,19 @@ DIR: the model with the views, in COLMAP's binary format, and project.ini, which
 class PlaceOptions:
     """The options of ``blur2view place``.
 
-    Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
-    COLMAP's model of the frames. The frames stay where they are; their poses are the camera's path, on which
-    the smears say how long an exposure was.
+    Add to COLMAP's model of some frames the views NAME#open and NAME#close, which blur2view to-colmap --link
+    has written to their project. The frames keep their poses, and these are the camera's path; the smears
+    show which part of the path each exposure covers.
     """
 
-    database: Path = required("DB: the project with the views")
-    model: Path = required("""MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which
-        the largest is taken""")
-    photographs: Path = required("""FRAMES: folder of the frames, all of one video: COLMAP's --image_path.
-        The numbers in their names are their times""")
-    output: Path = required("-o, --output DIR: where the model goes")
-    fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time over frame interval,
-        at most 1, if it is known (default: measured from the smears)""")
+    database: Path = required("DB: COLMAP database with the views")
+    model: Path = required("""MODEL: folder of COLMAP's model of the frames; of several models in a mapper's
+        folder the largest one is taken""")
+    photographs: Path = required("""FRAMES: folder of the frames of one video, which was COLMAP's
+        --image_path; the numbers in their names are taken as their times""")
+    output: Path = required("-o, --output DIR: folder for the new model")
+    fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time divided by frame
+        interval, at most 1, if it is known (default: measured from the smears)""")
     printing: Printing = Printing()
 
     examples = (
@@ -60,8 +61,8 @@ class PlaceOptions:
             if not placement.placed:
                 count = plural(len(placement.refused), "frame")
                 raise DatabaseError(
-                    f"{self.database}: of {count} with views none is next to another in {self.photographs} "
-                    f"and shows how long an exposure is; {REMEDY}"
+                    f"{self.database}: none of its {count} with views shows how long an exposure is, because "
+                    f"none follows another one in {self.photographs}; {REMEDY}"
                 )
             write_model(placement.model, self.output, self.photographs, self.database)
         if not self.printing.quiet:
@@ -69,7 +70,8 @@ class PlaceOptions:
                 print(line)
             made = f"{printable(str(self.output))}: {printable(str(model))} with views"
             counts = f"{plural(len(placement.placed), 'frame')} placed, {len(placement.refused)} refused"
-            guess = "" if placement.measured else ", a guess as the camera shakes faster than the frames"
+            shaken = ", which is a guess because the camera shakes faster than the frames follow each other"
+            guess = "" if placement.measured else shaken
             print(f"{made}: {counts}; exposure over frame interval {placement.fraction:.2f}{guess}")
         return 0
 

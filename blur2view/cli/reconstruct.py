@@ -17,21 +17,22 @@ if TYPE_CHECKING:
 CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
 SHOWN = 3  # frames of each reason without -v
 WRITTEN = """
-images: the frames chosen, with --all-frames all
-sparse/0: COLMAP's model, in which every image is a file
-masks: where anything moves by itself, 0 there: NAME.jpg.png for COLMAP and transforms.json, NAME.png for
-    nerfstudio's reader of COLMAP's models; for instant-ngp also images/dynamic_mask_NAME.png
-exposures: the same with both ends of recovered frames' exposures, NAME#open and NAME#close
+images: the chosen frames, or with --all-frames every frame
+sparse/0: COLMAP's model; each of its images is a file in images
+masks: masks of what moves by itself, if anything does; they are 0 there. NAME.jpg.png is for COLMAP and
+    transforms.json, NAME.png for nerfstudio's reader of COLMAP's models, and images/dynamic_mask_NAME.png for
+    instant-ngp
+exposures: the same model, with the views NAME#open and NAME#close of each recovered frame
 database.db: COLMAP's features and matches
-transforms.json: for nerfstudio and its fork for motion blur, with the points in sparse_pc.ply, or instant-ngp
+transforms.json: the scene for nerfstudio and its fork for motion blur, with its points in sparse_pc.ply, or
+    for instant-ngp
 report.html: the video's blur over time, the camera's path, and the frames
-reconstruction.json, work: by which the same call goes on where one was ended; a done step whose files are
-    there is kept
+reconstruction.json, work: what is done so far; if a call was ended, the same call goes on from there
 """
 REMEDIES = {
-    "too few points": "it shows little of what its neighbours show; --all-frames gives it nearer ones",
-    "fewer than two": "it is far from all registered frames; --all-frames gives it nearer ones",
-    "its pose": "look at it in the report; --all-frames gives it nearer neighbours",
+    "too few points": "it shows little of what its neighbours show; add --all-frames for nearer neighbours",
+    "fewer than two": "it is far from all registered frames; add --all-frames for nearer neighbours",
+    "its pose": "look at it in the report; add --all-frames for nearer neighbours",
 }
 
 
@@ -39,41 +40,47 @@ REMEDIES = {
 class ReconstructOptions:
     """The options of ``blur2view reconstruct``.
 
-    Make a scene of a video, or of a folder of its frames: COLMAP maps the sharpest frames, those that it
-    refuses are recovered by their blur, and all is written for training. The same call goes on where one was
-    ended.
+    Make a scene of a video, or of a folder of its frames. COLMAP maps the sharpest frames, blur2view recovers
+    those that COLMAP refuses, and the scene is written for trainers of radiance fields. If a call was ended,
+    the same call goes on from there.
     """
 
-    video: Path = required("VIDEO: a video, or a folder of the frames of one")
+    video: Path = required("VIDEO: a video, or a folder with the frames of one video")
     output: Path = required(
-        "-o, --output DIR: where the scene goes: a new or empty folder, or that of an earlier call"
+        "-o, --output DIR: folder for the scene; it is new or empty, or holds the scene of an earlier call"
     )
     frames: Annotated[int, whole(3)] = option(
-        "--frames N: choose the sharpest N frames at most, spread over the way (default: %(default)s)", 300
+        "--frames N: choose at most N frames, the sharpest ones along the camera's path (default: "
+        "%(default)s)",
+        300,
     )
-    all_frames: bool = flag("--all-frames: also recover and keep all frames that are not chosen")
+    all_frames: bool = flag("--all-frames: also recover and keep the frames that are not chosen")
     camera: str = option(
-        """--camera CAMERA: the camera, where it is known, as COLMAP writes it: "MODEL WIDTH HEIGHT
-        PARAMS...", for example "SIMPLE_RADIAL 640 480 525 320 240 0.05"; it is kept (default: COLMAP finds
-        it, beginning at the focal length of EXIF where there is one)""",
+        """--camera CAMERA: known camera in COLMAP's form "MODEL WIDTH HEIGHT PARAMS...", for example
+        "SIMPLE_RADIAL 640 480 525 320 240 0.05"; COLMAP does not change it (default: COLMAP finds the camera,
+        and begins with the focal length of EXIF if there is one)""",
         "",
     )
     camera_model: Annotated[str, one_of(*CAMERA_MODELS)] = option(
-        """--camera-model MODEL: what COLMAP finds, SIMPLE_RADIAL, SIMPLE_PINHOLE, PINHOLE, RADIAL or OPENCV
-        (default: %(default)s); smears assume a lens without a fisheye's distortion""",
+        """--camera-model MODEL: camera model that COLMAP fits, SIMPLE_RADIAL, SIMPLE_PINHOLE, PINHOLE, RADIAL
+        or OPENCV (default: %(default)s); fisheye lenses are not supported""",
         CAMERA_MODELS[0],
     )
     mapper: Annotated[str, one_of("incremental", "global")] = rare_option(
-        "--mapper NAME: COLMAP's incremental or global mapper (default: %(default)s)", "incremental"
+        "--mapper NAME: mapper of COLMAP, incremental or global (default: %(default)s)", "incremental"
     )
     dialect: Annotated[str, one_of("nerfstudio", "instant-ngp")] = option(
-        "--dialect NAME: of transforms.json, nerfstudio or instant-ngp (default: %(default)s)", "nerfstudio"
+        "--dialect NAME: trainer for which transforms.json is written, nerfstudio or instant-ngp (default: "
+        "%(default)s)",
+        "nerfstudio",
     )
     exposure: Annotated[float, exposure_s] = rare_option(
-        """--exposure S: exposure time in seconds, for nerfstudio's velocities (default: %(default)g)""", 1.0
+        """--exposure S: exposure time in seconds; it scales nerfstudio's velocities (default:
+        %(default)g)""",
+        1.0,
     )
-    masks: bool = option("--no-masks: without masks of what moves by itself: faster", True)
-    jobs: int | None = option("--jobs N: processes that recover frames (default: one per core)")
+    masks: bool = option("--no-masks: write no masks of what moves by itself, which is faster", True)
+    jobs: int | None = option("--jobs N: number of processes that recover frames (default: one per core)")
     printing: Printing = Printing()
 
     examples = (
@@ -82,7 +89,7 @@ class ReconstructOptions:
     )
     tables = {"what is written": WRITTEN}
     exit_codes = {
-        "1": "failed, or COLMAP makes no model, with the cause on stderr",
+        "1": "failed, or COLMAP made no model; stderr has the cause",
         "130": "interrupted by Ctrl-C; the same call goes on",
     }
 
@@ -111,7 +118,7 @@ class ReconstructOptions:
 
 
 def table_of(made: "Reconstruction", *, verbose: bool = False) -> Iterator[str]:
-    """Yield the lines that say what has become of the frames of a video."""
+    """Yield the lines that tell what became of the frames of a video."""
     posed = [*made.registered, *made.recovered]
     rows = {
         "frames looked at": made.looked_at,

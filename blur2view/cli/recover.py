@@ -19,21 +19,23 @@ if TYPE_CHECKING:
 
 TRACKS, NOTES = "tracks.db", "recovering.jsonl"
 WRITTEN = """
-DIR: the model with the recovered frames, which observe its points; COLMAP's binary format and project.ini.
-    What an earlier call wrote is replaced; a model of another program is not
-Ctrl-C: what is recovered so far is written, and recovering.jsonl, by which the same call goes on
-views: a recovered frame's poses at shutter-open and shutter-close, NAME#open and NAME#close. No file shows
-    them: to-transforms reads them, undistorters and loaders of COLMAP's models stumble over them
+DIR: the model with the recovered frames, which observe its points, in COLMAP's binary format, and
+    project.ini. The model of an earlier call is replaced; a model that another program wrote is refused
+Ctrl-C: DIR then holds the model with the frames that are recovered so far, and recovering.jsonl, from which
+    the same call goes on
+views: the poses of a recovered frame at shutter-open and shutter-close, as images NAME#open and NAME#close.
+    to-transforms reads them. They have no files, so that undistorters and most loaders of COLMAP's models
+    fail on them
 """
 EVERY_FRAME_BLURRED = """
-1: features, matching = blur2view.blurred_options(), for pycolmap.extract_features(DB, FRAMES,
-    extraction_options=features) and pycolmap.match_exhaustive(DB, matching_options=matching): ten seconds for
-    a photograph of 640x480; in the dark or under water first blur2view.write_stretched(FRAMES, COPIES), and
-    extract from COPIES
-2: pycolmap.incremental_mapping(DB, FRAMES, MODELS), of which recover takes the largest
-3: blur2view recover MODELS FRAMES -o DIR --tracks DB: some seconds for a frame
-4: pycolmap.incremental_mapping(DIR/tracks.db, FRAMES, ANEW); one that begins with a wrong pair of frames has
-    few: another random_seed in its options
+1: with features, matching = blur2view.blurred_options(), call pycolmap.extract_features(DB, FRAMES,
+    extraction_options=features) and pycolmap.match_exhaustive(DB, matching_options=matching); this takes
+    about ten seconds for a photograph of 640x480. If the frames are dark or were taken under water, first
+    call blur2view.write_stretched(FRAMES, COPIES), and extract the features from COPIES
+2: call pycolmap.incremental_mapping(DB, FRAMES, MODELS); recover takes the largest of these models
+3: run blur2view recover MODELS FRAMES -o DIR --tracks DB, which takes some seconds for a frame
+4: call pycolmap.incremental_mapping(DIR/tracks.db, FRAMES, ANEW); if the model has few frames, it began
+    with a wrong pair of frames, and another random_seed in the options helps
 """
 
 
@@ -41,28 +43,29 @@ EVERY_FRAME_BLURRED = """
 class RecoverOptions:
     """The options of ``blur2view recover``.
 
-    Register the frames of a video that COLMAP's model lacks, because they are too blurred for its features. A
-    patch of a registered neighbour is blurred as this frame is, and this frame as the neighbour is: then both
-    carry the same blur, and match. Frames of the model keep their poses; a frame that does not agree with its
-    neighbours is refused.
+    Register the frames of a video that COLMAP's model lacks because they are too blurred for its features. A
+    patch of a registered neighbour gets the blur of this frame, and this frame gets the blur of the
+    neighbour; then both have the same blur, and match. Frames of the model keep their poses, and a frame that
+    does not agree with its neighbours is refused.
     """
 
-    model: Path = required("""MODEL: folder of COLMAP's model of some frames, or of a mapper's models, of
-        which the largest is taken""")
-    photographs: Path = required("""FRAMES: folder of all frames, of one video: COLMAP's --image_path. The
-        numbers in their names are their times""")
-    output: Path = required("-o, --output DIR: where the model goes")
-    tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a
-        copy of the model's project with keypoints and verified matches of blurred patches, more exact than
-        those of SIFT, to map anew (some seconds for a frame)""")
-    database: Path | None = rare_option("""--db DB: the model's project: recovered frames keep the keypoints
-        that they have there, so that COLMAP's mappers go on with both; they observe fewer points""")
+    model: Path = required("""MODEL: folder of COLMAP's model of some frames; of several models in a mapper's
+        folder the largest one is taken""")
+    photographs: Path = required("""FRAMES: folder of all frames of one video, which was COLMAP's
+        --image_path; the numbers in their names are taken as their times""")
+    output: Path = required("-o, --output DIR: folder for the new model")
+    tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, a copy of the model's database DB
+        from which COLMAP maps anew; it holds keypoints and verified matches of blurred patches, which are
+        more exact than those of SIFT. It is for videos without a sharp frame""")
+    database: Path | None = rare_option("""--db DB: let recovered frames keep their keypoints of the model's
+        database DB, so that COLMAP's mappers go on with the model and the database; the frames then observe
+        fewer points""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
-        adjustment); other poses stay""")
-    views: bool = flag("""--views: also add both views of each recovered frame (default: if MODEL has views
-        of its frames)""")
-    jobs: int | None = option("""--jobs N: processes, of one thread each; any number gives the same bytes
-        (default: one per core)""")
+        adjustment); other poses stay as they are""")
+    views: bool = flag("""--views: also add both views of each recovered frame (default: only if MODEL has
+        views)""")
+    jobs: int | None = option("""--jobs N: number of processes, each with one thread; the results do not
+        depend on it (default: one per core)""")
     printing: Printing = Printing()
 
     examples = (
@@ -70,6 +73,10 @@ class RecoverOptions:
         "blur2view recover model frames --views -o with_views",
         "blur2view to-transforms with_views",
     )
+    exit_codes = {
+        "1": "failed, or no frame could be recovered; stderr has the cause, and nothing is written",
+        "130": "interrupted by Ctrl-C; what is recovered so far is written, and the same call goes on",
+    }
     tables = {"what is written": WRITTEN, "where every frame is blurred": EVERY_FRAME_BLURRED}
 
     def execute(self) -> int:
@@ -92,7 +99,7 @@ class RecoverOptions:
         writable_folder(self.output)
         if self.tracks is not None:
             if os.path.lexists(tracks):
-                raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
+                raise OutputError(f"{tracks}: already exists; move it away, or name another folder with -o")
             check_project(self.tracks, names)
         stated = self.database or self.tracks
         database, known = stated or noted(model, DATABASE), None
@@ -111,10 +118,9 @@ class RecoverOptions:
             if sequence.refused and not sequence.recovered and self.tracks is None:
                 notes.remove()
                 name, why = next(iter(sequence.refused.items()))
-                lacking = plural(len(sequence.refused), "frame")
-                raise DatabaseError(
-                    f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
-                )
+                count = len(sequence.refused)
+                lacking = f"any of its {count} missing frames" if count > 1 else "its missing frame"
+                raise DatabaseError(f"{model}: could not recover {lacking}; {name}: {why}")
             recovery = recovery_of(
                 sequence, known, self.database, views=self.views or None, refine=self.refine
             )
@@ -136,7 +142,7 @@ class RecoverOptions:
         if interrupted:
             done = len(recovery.registered) + len(recovery.recovered) + len(recovery.refused)
             left = plural(len(names) - done, "frame")
-            complain(RunError(f"interrupted; the same call goes on; {left} left"))
+            complain(RunError(f"interrupted with {left} left; the same call goes on"))
         return INTERRUPTED if interrupted else 0
 
     def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:

@@ -21,17 +21,17 @@ from blur2view.results.report import report, section
 class ReportOptions(Command):
     """The options of ``blur2view report``.
 
-    Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
-    the photographs; of each the verdict, the picture with smears, epipolar lines, motion mask and uncertainty
-    as layers, and its record, also as the JSON document of blur2view estimate to download.
+    Write one HTML file to look at, to send or to archive. It loads nothing from elsewhere. It has an index of
+    the photographs and, for each of them, the verdict, the picture with smears, epipolar lines, motion mask
+    and uncertainty as layers, and the record, which can be saved as the JSON document of blur2view estimate.
     """
 
     output: Path = option(
-        """-o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless
-        all fail""",
+        """-o, --output HTML: HTML file to write (default: %(default)s); the page of an earlier call is
+        replaced, unless every photograph fails""",
         Path("report.html"),
     )
-    mask: bool = option("--no-mask: without the motion mask: faster", True)
+    mask: bool = option("--no-mask: leave out the motion mask, which is faster", True)
     in_time: InTime = InTime()
     order: Order = Order()
 

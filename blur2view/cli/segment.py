@@ -24,12 +24,12 @@ ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (the photograph is smooth there)
 <stem>.moving.png: probability of moving, times 65535 (16-bit grey)
-<stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
-<stem>.blur.png: with --blur-map: 8-bit grey: 255 sharp, 170 out of focus, 85 smeared, 0 smooth, so that
-    nothing is known
-<stem>.blur-map.png: with --blur-map: the photograph in the colours of these
-masks/...: with --masks: the mask under the name and with the greys that each program reads
-<stem>.motion.json: the JSON document of the photograph; written last: what --resume goes on with
+<stem>.motion.png: the photograph above a caption; what moves is pink, and what is unobservable is hatched
+<stem>.blur.png: written with --blur-map: 8-bit grey: 255 sharp, 170 out of focus, 85 smeared, 0 too smooth to
+    tell
+<stem>.blur-map.png: written with --blur-map: the photograph with a colour for each of these labels
+masks/...: written with --masks: the mask with the name and the greys that each program reads
+<stem>.motion.json: the JSON document of the photograph; it is written last, and --resume reads it
 """
 FOLDER = Path("masks")  # below -o, of masks for another program
 
@@ -38,25 +38,26 @@ FOLDER = Path("masks")  # below -o, of masks for another program
 class SegmentOptions(Command):
     """The options of ``blur2view segment``.
 
-    Segment what moves by itself from what the camera's motion explains. Two networks weigh what the
-    photograph looks like, and how its blur departs from the camera's motion, one smooth field through the
-    smears; outlines follow the photograph's edges.
+    Mark what moves by itself, in contrast to what the camera's motion explains. Two networks judge by what
+    the photograph shows, and by how its blur departs from a smooth field through the smears, which is the
+    camera's motion. Outlines follow the photograph's edges.
     """
 
     # a field here is part of what --resume compares, unless its type is a Path (`run.digest_of`)
     folder: Folder = Folder()
     document: Document = Document()
     threshold: Annotated[float, probability] = option(
-        """--threshold P: probability that the highest place of a part must reach (default: %(default)s);
-        a lower one misses less of what moves, and marks more of what stands still""",
+        """--threshold P: probability of moving that a part must reach at its highest place (default:
+        %(default)s); a lower threshold misses less of what moves, and marks more of what stands still""",
         THRESHOLD,
     )
-    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = option("""--masks NAME: also write masks for a
-        program, colmap, nerfstudio or instant-ngp; may be repeated. They lie below DIR/masks: colmap
-        NAME.jpg.png and nerfstudio NAME.png, 0 where pixels are ignored, instant-ngp dynamic_mask_NAME.png,
-        255 there (blur2view to-transforms --masks-from DIR puts them where these trainers look)""")
-    blur_map: bool = flag("""--blur-map: also write which pixels are sharp, smeared, out of focus or smooth,
-        as labels and as a picture""")
+    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = option("""--masks NAME: also write masks for
+        colmap, nerfstudio or instant-ngp into DIR/masks; repeat the option for several programs. COLMAP's
+        masks are named NAME.jpg.png and nerfstudio's NAME.png, and both are 0 where pixels are ignored; those
+        of instant-ngp are named dynamic_mask_NAME.png, and are 255 there. "blur2view to-transforms
+        --masks-from DIR" puts them where the trainers look for them""")
+    blur_map: bool = flag("""--blur-map: also write which pixels are sharp, smeared, out of focus or too
+        smooth to tell, as labels and as a picture""")
 
     examples = (
         "blur2view segment street.jpg -o masks",
@@ -71,9 +72,9 @@ class SegmentOptions(Command):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.masks is not None and self.folder.output is None:
-            raise ValueError("--masks needs a folder; name it with -o")
+            raise ValueError("--masks needs a folder of results; name it with -o")
         if self.blur_map and self.folder.output is None:
-            raise ValueError("--blur-map needs a folder; name it with -o")
+            raise ValueError("--blur-map needs a folder of results; name it with -o")
 
     @property
     def programs(self) -> list[MaskFormat]:

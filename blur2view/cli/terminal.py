@@ -98,7 +98,7 @@ def waiting(text: str, *, hidden: bool = False) -> Iterator[Callable[[int, int],
 
 
 def columns() -> int:
-    """Return the width of the terminal; one that does not know it, as some of CI, has 80 columns."""
+    """Return the width of the terminal, 80 columns where it is unknown, as in some CI systems."""
     with suppress(OSError, ValueError):
         return os.get_terminal_size(sys.stderr.fileno()).columns or 80
     return 80

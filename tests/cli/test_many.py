@@ -46,7 +46,7 @@ def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_p
     assert len(done.document["estimates"]) == 2 and not log.exists()
     other = write_video(tmp_path / "other.mp4", 2)
     done = run(video, other, "--focal", 300, "--gyroflow", log, "--json")
-    assert done == 1 and "a log of rates is of one video" in done.line and done.out == ""
+    assert done == 1 and "a log of rates holds one video" in done.line and done.out == ""
 
 
 @pytest.mark.parametrize(

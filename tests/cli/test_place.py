@@ -120,7 +120,7 @@ def test_what_cannot_be_placed_is_one_line(
     (tmp_path / "one").mkdir()
     one.write(tmp_path / "one")
     for words in ((), ("--fraction", 0.5)):
-        assert "none is next to another" in complaint(database, tmp_path / "one", frames, *words)
+        assert "none follows another one" in complaint(database, tmp_path / "one", frames, *words)
 
 
 def test_pictures_that_are_not_there_are_asked_for(

@@ -66,7 +66,7 @@ def test_ctrl_c_writes_what_is_recovered_and_the_same_call_goes_on(
 
     monkeypatch.setattr(FrameSequence, "try_frame", interrupted)
     done = call_program(capsys, "recover", *paths, "-o", output, "--jobs", 1)
-    assert done == 130 and "the same call goes on; 1 frame left" in done.line
+    assert done == 130 and "interrupted with 1 frame left; the same call goes on" in done.line
     assert pycolmap.Reconstruction(output).num_reg_images() == 8
     monkeypatch.setattr(FrameSequence, "try_frame", try_frame)
     done = call_program(capsys, "recover", *paths, "-o", output, "--jobs", 1)
@@ -81,7 +81,7 @@ def test_database_that_is_there_is_not_replaced_by_tracks(
     tracks.write_bytes(b"mine")
     words = ["recover", video / "model", video / "frames", "-o", tmp_path, "--tracks", tracks]
     done = call_program(capsys, *words)
-    assert done == 1 and f"{tracks}: exists; move it away" in done.line
+    assert done == 1 and f"{tracks}: already exists; move it away" in done.line
     assert tracks.read_bytes() == b"mine" and list(tmp_path.iterdir()) == [tracks]
     done = call_program(capsys, *words[:-2], "--tracks", tmp_path / "none.db", "-o", tmp_path / "other")
     assert done == 1 and "none.db: no such database" in done.line and not (tmp_path / "other").exists()
