@@ -30,7 +30,7 @@ class Scene:
         if not state.is_file():
             if folder.exists() and (other := min(os.listdir(folder), default="")):
                 raise OutputError(f"{folder}: holds {other}, and is not a scene; name a new folder with -o")
-            self._write()
+            self.write()
             return
         try:
             known = json.loads(state.read_bytes())
@@ -56,14 +56,14 @@ class Scene:
             del self.steps[later]
         result = json.loads(json.dumps(work()))  # as it is when it is read again
         self.steps[name] = {"result": result}
-        self._write()
+        self.write()
         return result
 
     def result(self, name: str, otherwise: Any) -> Any:
         """Return the noted result of a step, or what is given if it is not done."""
         return self.steps[name]["result"] if name in self.steps else otherwise
 
-    def _write(self) -> None:
+    def write(self) -> None:
         """Note the steps that are done."""
         content = {"generator": f"blur2view {__version__}", "call": self.call, "steps": self.steps}
         content["sha256"] = self._digest()

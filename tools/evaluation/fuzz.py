@@ -2,14 +2,15 @@
 
     python -m tools.evaluation.fuzz --cases 1000 --seed 0
 
-A case is a folder of photographs, a video, a list, a network, a COLMAP project and its model, with one oddity
-(`KINDS`), in which one command runs as a fresh process. A call is rude if it ends by a signal or with an exit
-code other than 0, 1 and 2; outlasts `PATIENCE_S`; prints a traceback, a control character, or on stderr a
-line that is not its own; fails in silence; changes what was there, but a database that it links to; or writes
-what it was not asked to.
+A case is a folder of photographs, a video, a list, a network, a COLMAP project and its model, a scene, with
+one oddity (`KINDS`), in which one command, or one function of the library, runs as a fresh process. A call is
+rude if it ends by a signal or with an exit code other than 0, 1 and 2; outlasts `PATIENCE_S`; prints a
+traceback, a control character, or on stderr a line that is not its own; fails in silence; changes what was
+there, but a database that it links to; or writes what it was not asked to.
 """
 
 import io
+import json
 import os
 import shutil
 import sqlite3
@@ -30,9 +31,13 @@ import pycolmap
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from blur2view.arrays import AnyArray
 from blur2view.cli import commands
+from blur2view.cli.recover import NOTES as RECOVERING
+from blur2view.errors import OutputError
 from blur2view.files import NOTES
 from blur2view.networks.model_file import shipped_file
+from blur2view.reconstruction.scene import Scene
 from tools.command import Target, publish, run, table
 
 Rng = np.random.Generator
@@ -40,6 +45,7 @@ T = TypeVar("T")
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 180.0
 GOOD, SIZE = "good.jpg", (240, 180)
+WALK, WALK_SIZE = 11, (320, 240)  # frames, the one in the middle smeared
 OUTPUTS = {"-o", "--csv", "--keep", "--extract", "--db"}  # options that name what a call may write
 READING = (  # commands that read photographs
     "estimate -o out", "estimate --csv table.csv", "segment -o out", "report -o page.html",
@@ -67,6 +73,12 @@ ODD_ROWS = (  # statements of SQL
     "ALTER TABLE cameras RENAME TO other; CREATE VIEW cameras AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL "
     "SELECT x + 1 FROM c) SELECT x AS camera_id, 2 AS model, 240 AS width, 180 AS height, NULL AS params, "
     "0 AS prior_focal_length FROM c",
+)  # fmt: skip
+RECOVER_ALL = "recover scene/work/model all -o recovered --jobs 1"
+SCENE, FILM = "reconstruct walk -o scene --jobs 1", "reconstruct walk.mp4 -o film --jobs 1"
+ODD_OPTIONS = (  # of reconstruct
+    "", "--frames 3", "--all-frames", "--no-masks", "--mapper global", "--dialect instant-ngp",
+    "--exposure 1/50", "--camera-model OPENCV", "--camera nonsense", "--camera project.db",
 )  # fmt: skip
 NEW = (  # what stands in a damaged file in place of its own bytes
     b"", b"-1", b"nan", b"9" * 6000, b'"', b"[" * 99_999, b"\0", b"\x1b[2J", b"/dev/zero",
@@ -107,12 +119,34 @@ def make_inputs(folder: Path) -> None:
         cv2.imwrite(str(folder / name), part)
         video.write(part)
     video.release()
+    make_walk(folder, sample)
     (folder / "list.txt").write_text(f"# photographs\n{GOOD}\nother.jpg\n")
     shutil.copy(shipped_file("smear.onnx"), folder)
     link = LINK.replace("project.db", "linked.db --no-backup --jobs 1")
     with chdir(folder):
-        if commands.main(link.split()) or commands.main(PLACE.replace("placed", "views").split()):
-            raise SystemExit("whole inputs are refused")
+        for words in (link, PLACE.replace("placed", "views"), SCENE):
+            if commands.main(words.split()):
+                raise SystemExit("whole inputs are refused")
+
+
+def make_walk(folder: Path, sample: AnyArray) -> None:
+    """Write frames of two planes that a camera passes, all and every other one, and these as a video."""
+    desk = np.asarray(cv2.imread(str(ROOT / "models/desk.jpg")))
+    film = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, WALK_SIZE)
+    (width, height), half = WALK_SIZE, WALK_SIZE[1] // 2
+    for name in ("walk", "all"):
+        (folder / name).mkdir()
+    for k in range(WALK):
+        shots = []
+        for time in np.linspace(k - 0.4, k + 0.4, 9) if k == WALK // 2 else [k]:
+            back = desk[60 : 60 + height, round(60 + 3 * time) :][:, :width].copy()
+            back[half:] = sample[150 : 150 + height - half, round(200 + 9 * time) :][:, :width]
+            shots.append(back)
+        picture = np.mean(shots, axis=0).astype(np.uint8)
+        for name in ("all", *["walk"][k % 2 :]):
+            cv2.imwrite(str(folder / name / f"f_{k:03d}.png"), picture)
+        film.write(picture)
+    film.release()
 
 
 def damaged(folder: Path, rng: Rng) -> list[str]:
@@ -248,10 +282,105 @@ def odd_model(folder: Path, rng: Rng) -> list[str]:
     return drawn(rng, (SPLAT, GSPLAT, NGP, PLACE)).split()
 
 
+def odd_frames(folder: Path, rng: Rng) -> list[str]:
+    """Make the frames of a scene odd: damaged, few, of other sizes or names, dark, beside other files."""
+    frames = sorted((folder / "walk").iterdir())
+    path = drawn(rng, frames)
+    match drawn(rng, ("damaged", "few", "sizes", "name", "dark", "turned", "beside", "deep", "same")):
+        case "damaged":
+            path.write_bytes(mutated(path.read_bytes(), rng))
+        case "few":
+            for frame in frames[int(rng.integers(4)) :]:
+                frame.unlink()
+        case "sizes":
+            for frame in frames if rng.random() < 0.5 else [path]:
+                side = int(rng.integers(15, 400))
+                Image.open(frame).resize((side, 241)).save(frame)
+        case "name":
+            name = os.fsencode(
+                drawn(rng, [name for name in ODD_NAMES if "/" not in name and "mp4" not in name])
+            )
+            path.rename(path.parent / os.fsdecode(name.replace(b".jpg", b".png").replace(b".dng", b".png")))
+        case "dark":
+            for frame in frames:
+                Image.new("L", WALK_SIZE, int(rng.integers(256))).save(frame)
+        case "turned":
+            exif = Image.Exif()
+            exif[0x0112] = int(rng.integers(10))
+            for frame in frames if rng.random() < 0.5 else [path]:
+                Image.open(frame).save(frame.with_suffix(".jpg"), exif=exif)
+                frame.unlink()
+        case "beside":
+            for name in ("notes.txt", "clip.mp4", ".hidden.png"):
+                shutil.copy(folder / drawn(rng, ("list.txt", "clip.mp4", GOOD)), folder / "walk" / name)
+        case "deep":
+            (folder / "walk" / "a b").mkdir()
+            for frame in frames[::2]:
+                frame.rename(folder / "walk" / "a b" / frame.name)
+        case "same":
+            for frame in frames:
+                shutil.copy(path, folder / "same.png")
+                shutil.copy(folder / "same.png", frame)
+    return [*SCENE.replace("scene", "anew").split(), *drawn(rng, ODD_OPTIONS).split()]
+
+
+def odd_scene(folder: Path, rng: Rng) -> list[str]:
+    """Damage or remove a file of a scene, or name another output; return the call that goes on."""
+    where = drawn(rng, ("scene", "scene", "scene", "film", "mine"))
+    if where == "mine":
+        (folder / "mine").mkdir()
+        shutil.copy(folder / GOOD, folder / "mine")
+        return SCENE.replace("scene", drawn(rng, ("mine", GOOD, "walk", "walk/scene", "/dev/null"))).split()
+    if where == "film":
+        path = folder / "walk.mp4"
+        path.write_bytes(mutated(path.read_bytes(), rng))
+        return [*FILM.split(), *drawn(rng, ODD_OPTIONS).split()]
+    scene = folder / "scene"
+    every = sorted(path for path in scene.rglob("*") if path.is_file())
+    for path in (drawn(rng, every) for _ in range(int(rng.integers(1, 4)))):
+        if rng.random() < 0.4:
+            path.unlink(missing_ok=True)
+        elif path.exists():
+            path.write_bytes(mutated(path.read_bytes(), rng))
+    state = scene / "reconstruction.json"
+    if rng.random() < 0.5 and state.exists() and b'"steps"' in state.read_bytes():
+        with suppress(ValueError, LookupError, OutputError):  # as if it had been ended after some steps
+            known = Scene(scene, json.loads(state.read_bytes())["call"])
+            for name in list(known.steps)[int(rng.integers(len(known.steps))) :]:
+                del known.steps[name]
+            known.write()
+    return SCENE.split()
+
+
+def recovering(folder: Path, rng: Rng) -> list[str]:
+    """Damage what a video's missing frame is recovered by; return the call."""
+    words = RECOVER_ALL + drawn(
+        rng, ("", " --db scene/database.db", " --views --refine", " --tracks scene/database.db")
+    )
+    name = drawn(rng, ("scene/database.db", "scene/work/model", "all", "recovered"))
+    path = folder / name
+    if name == "recovered":
+        path.mkdir()
+        (path / "recovering.jsonl").write_bytes(
+            mutated(b'{"generator": "blur2view recover", "name": 1}\n' * 9, rng)
+        )
+        return words.split()
+    if path.is_dir():
+        path = drawn(rng, sorted(path.iterdir()))
+    path.write_bytes(mutated(path.read_bytes(), rng))
+    return words.split()
+
+
+def library(folder: Path, rng: Rng) -> list[str]:
+    """Return what calls a function of the library with odd arguments, drawn in that process."""
+    return [str(int(rng.integers(2**31)))]
+
+
 LITTLE = "little memory"
 KINDS: dict[str, Callable[[Path, Rng], list[str]]] = {
     "damaged": damaged, "oddly named": named, "output is an input": colliding, "odd rows": odd_rows,
     "odd file": odd_file, "odd model": odd_model, "changed since": again, LITTLE: little_memory,
+    "odd frames": odd_frames, "odd scene": odd_scene, "recovering": recovering, "library": library,
 }  # fmt: skip
 
 
@@ -279,10 +408,12 @@ def complaints(
     found += [f"foreign line {line[:200]}" for line in lines if not line.startswith("blur2view")][:1]
     found += ["fails in silence"] if done.returncode and not lines else []
     asked = tuple(word.split("/")[0] for option, word in pairwise(words) if option in OUTPUTS)
-    linked = asked if {"--link", "--resume"} & set(words) else ()  # and files beside that database
+    going_on = {"--link", "--resume"} & set(words) or words[:3] == SCENE.split()[:3] and "scene" in words
+    linked = asked if going_on else ()  # and files beside that database
     after = snapshot(folder)
     for name in before.keys() | after.keys():
-        if name in before and before[name] != after.get(name) and not (linked and name.startswith(linked)):
+        own = name.endswith(RECOVERING) or (linked and name.startswith(linked))
+        if name in before and before[name] != after.get(name) and not own:
             found.append(f"changes or removes {name}")
         if name not in before and not name.removeprefix(".").startswith((*asked, "blur2view")):
             found.append(f"leaves {name}")
@@ -299,7 +430,8 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, list[str]]:
     words = KINDS[kind](folder, rng)
     before = snapshot(folder)
     limit = ["prlimit", f"--as={int(rng.integers(200, 900)) << 20}"] if kind == LITTLE else []
-    program = [*limit, "timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", "blur2view", *words]
+    module = "tools.evaluation.odd_arguments" if kind == "library" else "blur2view"
+    program = [*limit, "timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", module, *words]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(place)}
     done = subprocess.run(
         program, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, errors="replace"
