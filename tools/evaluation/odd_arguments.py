@@ -19,7 +19,7 @@ from blur2view.cli.terminal import printable
 from blur2view.errors import Blur2ViewError
 from blur2view.results.record import Record
 from blur2view.smears.grid import stored_smears
-from tools.evaluation.fuzz import mutated
+from tools.evaluation.odd_inputs import mutated
 
 Rng = np.random.Generator
 NUMBERS = (
@@ -166,9 +166,9 @@ def segmented(rng: Rng) -> object:
 def views(rng: Rng) -> object:
     """Write the views of photographs of odd names to an odd database."""
     names = [str(rng.choice(["a.jpg", "a b.jpg", "", "a\n.jpg", "a#open", "\ud800"])) for _ in range(2)]
-    return blur2view.write_database(
-        path(rng, "made.db"), [blur2view.views_of(name, estimated(rng)) for name in names]
-    )
+    made = [blur2view.views_of(name, estimated(rng)) for name in names]
+    blur2view.write_database(path(rng, "made.db"), made)
+    return None
 
 
 def models(rng: Rng) -> object:
@@ -204,7 +204,7 @@ def stretched(rng: Rng) -> object:
 
 def estimate(rng: Rng) -> object:
     """Estimate an array, or an odd path, with odd options."""
-    options = {
+    options: dict[str, Callable[[], object]] = {
         "select": lambda: blur2view.SelectOptions(beta=number(rng), max_matches=number(rng)),  # type: ignore[arg-type]
         "options": lambda: blur2view.EstimatorOptions(max_error_px=number(rng)),
         "network": lambda: path(rng, "smear.onnx"),
