@@ -25,7 +25,9 @@ First calls
   of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
 - ``segment(result, image)``; ``write_database("new.db", [views_of("a.jpg", result)])``, as `to-colmap`;
   ``result.geometry.to_pycolmap()``.
-- ``recover_frames("model", "frames").model``: COLMAP's model with the frames that it refused, as `recover`;
+- ``for record in triage("photographs")``: what blurs each and by how much, as `triage`.
+- ``reconstruct("a.mp4", "scene")``: a scene of a video, as `reconstruct`;
+  ``recover_frames("model", "frames").model``: COLMAP's model with the frames that it refused, as `recover`;
   ``place_views("project.db", "model").model``: with both views of its frames, as `place`.
 - ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written;
   ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.

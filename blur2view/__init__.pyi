@@ -47,6 +47,7 @@ from blur2view.reconstruction.reconstruct import ReconstructionOptions as Recons
 from blur2view.reconstruction.reconstruct import reconstruct as reconstruct
 from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.results.record import Record as Record
+from blur2view.results.triage import triage as triage
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind
 from blur2view.smears.blur_map import BlurLabel as BlurLabel

@@ -8,9 +8,23 @@ import numpy as np
 import pytest
 
 from blur2view.images.video import read_frame
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.results.triage import triage
 from tests.support.calls import Call, table
 from tests.support.colour_code import forward_motion
 from tests.support.many_photographs import contents, write_frames
+
+
+def test_the_function_says_what_the_command_does(
+    frames: Path, call: Call, tiny_model: Path, tmp_path: Path
+) -> None:
+    (frames / "damaged.png").write_bytes((frames / "still.png").read_bytes()[:40])
+    call("triage", frames, "--max-smear", 1e4, "--csv", tmp_path / "t.csv")
+    found = list(triage(frames, max_smear_px=1e4, network=SmearNetwork(tiny_model)))
+    columns = "name", "use", "verdict", "error"
+    said = [[getattr(record, key) for key in columns] for record in found]
+    assert said == [[row[key] for key in columns] for row in table(tmp_path / "t.csv")]
+    assert [bool(record.error) for record in found] == [False, True, False]
 
 
 @pytest.mark.slow

@@ -1,0 +1,74 @@
+"""Which photographs are sharp: the command ``triage`` as a function."""
+
+import os
+from collections.abc import Iterable, Iterator
+from functools import partial
+
+from blur2view.errors import ImageError
+from blur2view.images.image import read_picture
+from blur2view.images.inputs import Source, list_photographs
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.pipeline import estimate
+from blur2view.results.record import Record
+from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX
+
+Path = str | os.PathLike[str]
+
+
+def triage(
+    paths: Path | Iterable[Path],
+    *,
+    max_smear_px: float = MAX_SMEAR_PX,
+    max_defocus_px: float = MAX_DEFOCUS_PX,
+    network: SmearReader | None = None,
+) -> Iterator[Record]:
+    """Return an iterator over what blurs photographs, and by how much.
+
+    Parameters
+    ----------
+    paths : path or iterable of path
+        Photographs; folders, of which all photographs are taken, or else all videos; videos, of which all
+        frames are; ``@LIST``, a file that names one such path on each line.
+    max_smear_px, max_defocus_px : float, optional
+        Longest smear of a sharp photograph, and largest radius out of focus, pixels.
+    network : SmearReader, optional
+        Reads smears; by default a new `SmearNetwork`.
+
+    Returns
+    -------
+    iterator of Record
+        One of each photograph, in order, without geometry. Its ``use`` is "sharp", "blurred", "out of focus"
+        or "unclear"; ``smear_px`` and ``defocus_px`` say how much, ``verdict`` in a sentence. Of a photograph
+        that cannot be read ``error`` says why, and all else is empty.
+
+    Raises
+    ------
+    ImageError
+        If a list cannot be read, or names nothing.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> for record in blur2view.triage("models/sample.jpg"):
+    ...     print(record.name, record.use)
+    sample.jpg blurred
+    """
+    words = [paths] if isinstance(paths, str | os.PathLike) else paths
+    inputs = list_photographs([os.fspath(word) for word in words])
+    look = partial(_look, network or SmearNetwork(), max_smear_px, max_defocus_px)
+    return map(look, inputs.names(), inputs.sources)
+
+
+def _look(
+    network: SmearReader, max_smear_px: float, max_defocus_px: float, name: str, source: Source
+) -> Record:
+    """Return the record of one photograph."""
+    try:
+        if source.refusal:
+            raise ImageError(source.refusal)
+        picture = read_picture(source.path, content=None if source.frame is None else source.read())
+        seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
+    except (ImageError, ValueError) as error:
+        return Record(name=name, error=str(error))
+    record = Record.from_estimate(seen, name=name, frame=source.frame, timestamp_s=source.time_s)
+    return record.without_geometry().with_use(max_smear_px, max_defocus_px)
