@@ -1,47 +1,40 @@
-"""Which frames are looked at closely where one of some neighbours is chosen.
+"""Which frames are looked at closely where one of some neighbours is chosen, and what is kept of them.
 
 Neighbours show the same things, so that gradients, which blur weakens, compare them well at a fraction of the
-cost of the network: it reads the third of them with the most gradient energy.
+cost of the network: it reads the third of them with the most gradient energy. A video is decoded once,
+forwards: the frames that are kept are encoded as they pass.
 """
 
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
+from pathlib import Path
+from typing import Self
 
 import cv2
 import numpy as np
 
-from blur2view.arrays import AnyArray
-from blur2view.cli.jobs import Job
+from blur2view.cli.executors import Shared
+from blur2view.cli.jobs import Job, Outcome
 from blur2view.errors import ImageError
-from blur2view.images.inputs import bitmap
-from blur2view.images.video import frame_time, read_frame
+from blur2view.files import unwritable, writable_folder
+from blur2view.images.image import Content
+from blur2view.images.inputs import Source, png_of
+from blur2view.images.pixels import gradient_energy
+from blur2view.images.video import frame_time
+from blur2view.results.record import Record
+from blur2view.results.verdict import Use
 
-NEIGHBOURS = (
-    12  # bound: of so many at most gradients are compared, because they show the same things, and kept
-)
+NEIGHBOURS = 12  # bound: of so many at most gradients are compared, because they show the same things
 SHARE = 3  # of so many neighbours the network reads one
-SIDE_PX = 1280  # bound: of larger pictures the gradients are those of smaller copies
-
-
-def gradient_energy(picture: AnyArray) -> float:
-    """Return the mean squared gradient of a picture (H, W, 3), BGR, or (H, W), uint8: Tenengrad.
-
-    J. M. Tenenbaum, Accommodation in Computer Vision, 1970. ``Sobel`` weighs by 8.
-    """
-    if (larger := max(picture.shape[:2]) / SIDE_PX) > 1:
-        size = round(picture.shape[1] / larger), round(picture.shape[0] / larger)
-        picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
-    along = [cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
-    return float(sum(cv2.norm(one, cv2.NORM_L2SQR) for one in along)) / 64 / grey.size
 
 
 def candidates(groups: Iterable[Sequence[Job]]) -> Iterator[Job]:
     """Yield the jobs of each group that may be its sharpest, read, in order.
 
     Jobs that cannot be read, or whose file OpenCV does not decode, are always among them. Memory holds the
-    contents of `NEIGHBOURS` photographs at most.
+    contents of a third of `NEIGHBOURS` photographs.
     """
     for group in groups:
         runs = -(-len(group) // NEIGHBOURS)
@@ -49,29 +42,132 @@ def candidates(groups: Iterable[Sequence[Job]]) -> Iterator[Job]:
             yield from _sharper([group[k] for k in part])
 
 
-def _sharper(jobs: Sequence[Job]) -> Iterator[Job]:
-    """Yield the third of neighbours with the most gradient energy, and those that have none."""
-    wanted = -(-len(jobs) // SHARE)
-    read = [_read(job) for job in jobs] if len(jobs) > 1 else [(jobs[0], None, inf)]
-    energies = sorted((energy for _, _, energy in read if energy < inf), reverse=True)
-    least = energies[min(wanted, len(energies)) - 1] if energies else inf
-    for job, pixels, energy in read:
-        if energy >= least:
-            yield job if pixels is None else replace(job, content=bitmap(pixels))
+def _sharper(jobs: Sequence[Job]) -> list[Job]:
+    """Return the third of neighbours with the most gradient energy, and those that have none."""
+    if len(jobs) == 1:
+        return list(jobs)
+    wanted, kept = -(-len(jobs) // SHARE), list[tuple[Job, float]]()
+    for job in jobs:
+        kept.append(_read(job))
+        compared = [energy for _, energy in kept if energy < inf]
+        if len(compared) > wanted:
+            least = min(range(len(kept)), key=lambda place: (kept[place][1], -place))
+            del kept[least]
+    return [job for job, _ in kept]
 
 
-def _read(job: Job) -> tuple[Job, AnyArray | None, float]:
-    """Return a job with its file's content or a frame's time, the frame's pixels, and the gradient energy."""
+def _read(job: Job) -> tuple[Job, float]:
+    """Return a job with its content, a frame's also with its time, and the gradient energy."""
     source = job.source
     try:
         if job.refusal is not None:
-            return job, None, inf
-        if source.frame is None:
-            job = replace(job, content=source.read())
-            decoded = cv2.imdecode(np.frombuffer(job.content, np.uint8), cv2.IMREAD_GRAYSCALE)
-            return job, None, inf if decoded is None else gradient_energy(np.asarray(decoded))
-        pixels = read_frame(source.path, source.frame)
-        time_s = frame_time(source.path, source.frame)
-        return replace(job, source=replace(source, time_s=time_s)), pixels, gradient_energy(pixels)
+            return job, inf
+        content = source.read()
+        if isinstance(content, bytes):
+            decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
+            energy = inf if decoded is None else gradient_energy(np.asarray(decoded))
+            return replace(job, content=content), energy
+        assert source.frame is not None
+        at = replace(source, time_s=frame_time(source.path, source.frame))
+        return replace(job, source=at, content=content), gradient_energy(content)
     except (ImageError, cv2.error):  # which is said where it is read
-        return job, None, inf
+        return job, inf
+
+
+Rank = tuple[bool, float]
+"""Less is sharper: whether it is not called sharp, and the width of all of its blur in pixels."""
+
+
+def rank_of(record: Record) -> Rank:
+    """Return the place of a photograph among others; where nothing is seen it comes last."""
+    return record.use != Use.SHARP, inf if record.blur_px is None else record.blur_px
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """A photograph that may be kept, and of a frame the pixels, unless they are encoded."""
+
+    job: Job
+    rank: Rank
+    content: Content | Shared | None = None
+
+
+class Chosen:
+    """What is kept of photographs that pass in order: the sharpest of each group, by which a job is in one.
+
+    ``wanted`` are the uses that are kept, all if empty, ``most`` the number. The frames that are kept are put
+    into ``pictures`` once their group has passed.
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        groups: Sequence[Sequence[Job]],
+        *,
+        wanted: Sequence[Use] = (),
+        most: int | None = None,
+        pictures: "Pictures | None" = None,
+    ) -> None:
+        self._place = {job.source: place for place, job in enumerate(jobs)}
+        self._group = {job.source: group for group, own in enumerate(groups) for job in own}
+        self._last = [max(self._place[job.source] for job in own) for own in groups]
+        self._wanted, self._most, self._pictures = wanted, most, pictures
+        self._open, self._kept = dict[int, Candidate](), list[Candidate]()
+
+    def add(self, job: Job, outcome: Outcome) -> None:
+        """Take one that has been looked at, with its content."""
+        record, group = outcome.record, self._group[job.source]
+        if not record.error and (not self._wanted or record.use in self._wanted):
+            content = None if job.source.frame is None or self._pictures is None else job.content
+            new = Candidate(job=replace(job, content=None), rank=rank_of(record), content=content)
+            if group not in self._open or new.rank < self._open[group].rank:
+                self._open[group] = new
+        self._close(self._place[job.source])
+
+    def _close(self, place: int) -> None:
+        """Keep the sharpest of the groups of which nothing comes behind a place."""
+        for group in [group for group in self._open if self._last[group] <= place]:
+            one = self._open.pop(group)
+            self._kept.append(replace(one, content=None))
+            if self._most is not None and len(self._kept) > self._most:
+                self._kept.remove(max(self._kept, key=lambda one: (one.rank, self._place[one.job.source])))
+            if one.content is not None and self._pictures is not None and self._kept[-1].job is one.job:
+                self._pictures.add(one.job.source, one.content)
+
+    def kept(self) -> list[Job]:
+        """Return those that are kept, in order."""
+        self._close(len(self._place))
+        return sorted((one.job for one in self._kept), key=lambda job: self._place[job.source])
+
+
+class Pictures:
+    """PNG files of frames, in a file without a name below a folder, so that nothing is left if all ends."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._ranges = folder, dict[Source, tuple[int, int]]()
+        self._file = tempfile.TemporaryFile(dir=writable_folder(folder))
+
+    def add(self, source: Source, content: Content | Shared) -> None:
+        """Encode the pixels of a frame; OutputError if the disk is full."""
+        pixels = content.read() if isinstance(content, Shared) else content
+        encoded = png_of(np.asarray(pixels))
+        try:
+            start = self._file.seek(0, 2)
+            self._file.write(encoded)
+        except OSError as error:
+            raise unwritable(self._folder, error) from error
+        self._ranges[source] = start, len(encoded)
+
+    def get(self, source: Source) -> bytes | None:
+        """Return the file of a frame, None if it was not put here."""
+        if source not in self._ranges:
+            return None
+        start, size = self._ranges[source]
+        self._file.seek(start)
+        return self._file.read(size)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()

@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import cv2
+import numpy as np
 
 from blur2view.errors import RunError
+from blur2view.images.image import Content
 
 CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
 ANSWER_S = 2.0  # between looks whether the workers of a cluster are there
@@ -27,25 +29,34 @@ T = TypeVar("T")
 class Shared:
     """A content in memory that processes of this machine read, so that no pipe copies it, where one can."""
 
-    def __init__(self, content: bytes) -> None:
-        self._content, self._number = content, -1
+    def __init__(self, content: Content) -> None:
+        self._content: Content | None = content
+        self._where = "", content.shape if isinstance(content, np.ndarray) else None
         if hasattr(os, "memfd_create") and os.path.isdir(f"/proc/{os.getpid()}/fd"):
             with suppress(OSError):
-                self._number = os.memfd_create("blur2view")
-                weakref.finalize(self, os.close, self._number)
-                with open(self._number, "wb", closefd=False) as file:
+                number = os.memfd_create("blur2view")
+                weakref.finalize(self, os.close, number)
+                with open(number, "wb", closefd=False) as file:
                     file.write(content)
-                self._content = b""
+                self._where = f"/proc/{os.getpid()}/fd/{number}", self._where[1]
+                self._content = None
 
-    def __reduce__(self) -> tuple[Callable[..., bytes], tuple[object]]:
-        """Return how another process makes the bytes of it."""
-        if self._content or self._number < 0:
-            return bytes, (self._content,)
-        return _read_whole, (f"/proc/{os.getpid()}/fd/{self._number}",)
+    def read(self) -> Content:
+        """Return the content."""
+        return _read_whole(*self._where) if self._content is None else self._content
+
+    def __reduce__(self) -> tuple[Callable[..., Content], tuple[object, ...]]:
+        """Return how another process makes the content of it."""
+        return (_read_whole, self._where) if self._content is None else (as_it_is, (self._content,))
 
 
-def _read_whole(path: str) -> bytes:
-    return Path(path).read_bytes()
+def _read_whole(path: str, shape: tuple[int, ...] | None) -> Content:
+    return Path(path).read_bytes() if shape is None else np.fromfile(path, np.uint8).reshape(shape)
+
+
+def as_it_is(content: Content) -> Content:
+    """Return a content for a thread, which shares it."""
+    return content
 
 
 class Restarted:
@@ -60,7 +71,7 @@ class Restarted:
         self,
         start: Callable[[], Executor],
         lost: type[Exception],
-        share: Callable[[bytes], Any],
+        share: Callable[[Content], Any],
         alive: Callable[[], None] = lambda: None,
     ) -> None:
         self.start, self.lost, self.share, self.alive = start, lost, share, alive

@@ -7,24 +7,28 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from queue import Empty, Queue
+from typing import Any, TypeVar
 
-from blur2view.cli.executors import Restarted, Shared, connected, processes, wait_for_worker
+from blur2view.cli.executors import Restarted, Shared, as_it_is, connected, processes, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
 from blur2view.exposure.sequence import Features, Matches, Series
 from blur2view.files import quick_digest, write_beside
+from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.results.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
+READ_AHEAD = 2  # bound; jobs that are read before they are begun
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 """Errors after which the next photograph's files would not fit either."""
+T = TypeVar("T")
 Neighbours = tuple[tuple[int, Source], ...]
 """Photographs before (-1) and after (1) one in time, which help to decide the order of its ends."""
 
@@ -39,7 +43,8 @@ class Job:
     neighbours: Neighbours = ()
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     plan: Any = None  # what its command knows of it beforehand
-    content: bytes = b""  # of its file
+    content: Content | None = None  # of its file, or a frame's pixels
+    beside: Mapping[Source, Content] = field(default_factory=dict)  # contents of itself and its neighbours
     matches: Mapping[int, Matches] = field(default_factory=dict)  # with its neighbours, by steps in time
     input_sha256: str = ""  # of its file
     call_sha256: str = ""  # of the call's options, network and version
@@ -66,7 +71,7 @@ Work = Callable[[Any], Outcome]
 """Does a job, in whichever process; Blur2ViewError of a job that fails."""
 Find = Callable[[Job], Outcome | None]
 """Finds the outcome of a job that an earlier call did."""
-Look = Callable[[Source, bytes], Features]
+Look = Callable[[Source, Content], Features]
 """Finds the features of a photograph, in whichever process; Blur2ViewError if it cannot be read."""
 Done = Generator[tuple[Job, Outcome]]
 
@@ -91,13 +96,13 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
 def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, count: int) -> Done:
     """Yield jobs with their outcomes, done by ``count`` processes, or by a thread if one is enough.
 
-    The main thread matches neighbours and nothing else, so that Ctrl-C is answered at once. RunError where no
-    process can be started.
+    The main thread matches neighbours and nothing else, so that Ctrl-C is answered at once; another one reads
+    ahead. RunError where no process can be started.
     """
     start: Callable[[], Executor] = partial(processes, count) if count > 1 else partial(ThreadPoolExecutor, 1)
     slots = AHEAD * count if count > 1 else 1
     try:
-        executor = Restarted(start, BrokenProcessPool, Shared if count > 1 else bytes)
+        executor = Restarted(start, BrokenProcessPool, Shared if count > 1 else as_it_is)
         yield from _in_order(work, jobs, find, look, executor, lambda: slots)
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
@@ -118,7 +123,7 @@ def in_cluster(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, addre
             wait_for_worker(client, address)
 
     try:
-        executor = Restarted(partial(client.get_executor, pure=False), killed, bytes, alive)
+        executor = Restarted(partial(client.get_executor, pure=False), killed, as_it_is, alive)
         yield from _in_order(
             work, jobs, find, look, executor, lambda: AHEAD * max(sum(client.nthreads().values()), 1)
         )
@@ -152,7 +157,7 @@ def _in_order(
         if outcome is None:
             job = replace(job, matches=series.around(job.source, job.neighbours))
             features.drop(job)
-            shared = replace(job, content=executor.share(job.content))
+            shared = replace(job, content=None if job.content is None else executor.share(job.content))
             pending.append((shared, executor.submit(_perform, work, shared)))
         else:
             future = Future[Outcome]()
@@ -166,17 +171,17 @@ def _in_order(
         except executor.lost:
             outcome = _alone(work, job)
         pending.popleft()
-        return replace(job, content=b"", matches={}), _written(job, outcome)
+        return replace(job, matches={}), _written(job, outcome)
 
     try:
-        for job, outcome in _begun(jobs, find):
-            if outcome is None and job.neighbours:
-                features.begin([job.source, *(near for _, near in job.neighbours)])
-            waiting.append((job, outcome))
-            while len(waiting) > (slots() if job.neighbours else 0):
-                begin()
-            while len(pending) >= slots():
-                yield oldest()
+        with closing(_ahead(_begun(jobs, find))) as begun:
+            for job, outcome in begun:
+                features.begin(job.beside)
+                waiting.append((replace(job, beside={}), outcome))
+                while len(waiting) > (slots() if job.neighbours else 0):
+                    begin()
+                while len(pending) >= slots():
+                    yield oldest()
         while waiting:
             begin()
         while pending:
@@ -195,14 +200,13 @@ class _Features:
         self._look, self._executor = look, executor
         self._found = dict[Source, tuple[Any, Future[Features | None]]]()  # with what was sent
 
-    def begin(self, sources: Iterable[Source]) -> None:
-        """Begin to find the features of photographs; those that cannot be read have none."""
-        for source in sorted(sources, key=lambda source: source.frame or 0):  # a video is read in order
+    def begin(self, contents: Mapping[Source, Content]) -> None:
+        """Begin to find the features of photographs."""
+        for source, content in contents.items():
             if source not in self._found:
-                with suppress(ImageError):
-                    shared = self._executor.share(_content(source)[0])
-                    future = self._executor.submit(_looked, self._look, source, shared)
-                    self._found[source] = shared, future
+                shared = self._executor.share(content)
+                future = self._executor.submit(_looked, self._look, source, shared)
+                self._found[source] = shared, future
 
     def of(self, source: Source) -> Features | None:
         """Return the features of a photograph, None if it cannot be read."""
@@ -222,11 +226,41 @@ class _Features:
             self._found.pop(source, None)
 
 
-def _looked(look: Look, source: Source, content: bytes) -> Features | None:
+def _looked(look: Look, source: Source, content: Content) -> Features | None:
     """Return the features of a photograph, None if it cannot be read, which costs a line of its own."""
     with suppress(Blur2ViewError), within_memory(source.path):
         return look(source, content)
     return None
+
+
+def _ahead(items: Iterator[T]) -> Generator[T]:
+    """Yield items that a thread makes, some ahead; what it raises is raised where the item is due.
+
+    The thread ends with the item in hand once nobody wants more.
+    """
+    made, unwanted = Queue[tuple[bool, Any]](READ_AHEAD), threading.Event()
+
+    def make() -> None:
+        try:
+            for item in items:
+                made.put((True, item))
+                if unwanted.is_set():
+                    return
+            made.put((False, None))
+        except BaseException as error:
+            made.put((False, error))
+
+    threading.Thread(target=make).start()
+    try:
+        while (pair := made.get())[0]:
+            yield pair[1]
+        if pair[1] is not None:
+            raise pair[1]
+    finally:
+        unwanted.set()
+        with suppress(Empty):
+            while True:
+                made.get_nowait()
 
 
 def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | None]]:
@@ -236,7 +270,7 @@ def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | Non
         try:
             job = _identified(job)
             outcome = find(job)
-            yield (_read(job), None) if outcome is None else (replace(job, content=b""), outcome)
+            yield (_read(job), None) if outcome is None else (replace(job, content=None), outcome)
         except Blur2ViewError as error:
             if isinstance(error, EndOfVideo):
                 if error.whole or job.source.path in cut:
@@ -253,8 +287,8 @@ def _identified(job: Job) -> Job:
     if job.refusal is not None:
         raise job.refusal
     alone = job.source.frame is None and not job.neighbours
-    content = job.content or (job.source.read() if alone else b"")
-    own = hashlib.sha256(content).hexdigest() if alone else _digest_of(job.source.path)
+    content = job.source.read() if alone and job.content is None else job.content
+    own = _digest_of(job.source.path) if content is None or not alone else hashlib.sha256(content).hexdigest()
     near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
@@ -275,25 +309,30 @@ def _digest(path: Path, size: int, changed_ns: int) -> str:
 
 
 def _read(job: Job) -> Job:
-    """Return a job with the content of its file, and the time of a frame.
+    """Return a job with the content of its file, the time of a frame, and the contents of its neighbours.
 
-    A video is read in order: of neighbours what is before comes first, and the last few stay in memory.
+    A video is read in order, and the last few frames stay in memory.
     """
-    if job.content:
+    if job.content is not None:
         return job
     if not job.neighbours:
         content, time_s = _content.__wrapped__(job.source)
         return replace(job, source=replace(job.source, time_s=time_s), content=content)
-    for steps, near in sorted(job.neighbours, key=lambda pair: pair[0]):
-        if steps < 0:
-            with suppress(ImageError):
-                _content(near)
-    content, time_s = _content(job.source)
-    return replace(job, source=replace(job.source, time_s=time_s), content=content)
+    beside = dict[Source, Content]()
+    for steps, source in sorted([(0, job.source), *job.neighbours], key=lambda pair: pair[0]):
+        try:
+            beside[source], time_s = _content(source)
+        except ImageError:
+            if not steps:
+                raise
+            continue
+        if not steps:
+            job = replace(job, source=replace(source, time_s=time_s), content=beside[source])
+    return replace(job, beside=beside)
 
 
 @lru_cache(maxsize=3)
-def _content(source: Source) -> tuple[bytes, float | None]:
+def _content(source: Source) -> tuple[Content, float | None]:
     """Return the content of a photograph, and the time of a frame; ImageError if it cannot be read."""
     return source.read(), source.time_s if source.frame is None else frame_time(source.path, source.frame)
 

@@ -24,7 +24,7 @@ from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputErro
 from blur2view.exposure.sequence import Features, features_of, in_time
 from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.images.image import Picture, read_image, read_picture
+from blur2view.images.image import Content, Picture, read_image, read_picture
 from blur2view.images.inputs import Source, timestamp_of
 from blur2view.images.video import rows_towards
 from blur2view.movers.mask import MotionMask
@@ -54,6 +54,7 @@ class Run:
         self.options, self.inputs = options, options.reading.inputs()
         self.jobs: Sequence[Job] = list(self._jobs(endings, beside))
         self.looked_at: Iterable[Job] | None = None  # those of the jobs that a command chooses, if it does
+        self.passed: Callable[[Job, Outcome], None] | None = None  # sees each job with its content, in order
         self.outcomes: list[tuple[Job, Outcome]] = []
         self.early_exit_code = DONE  # another one if it was interrupted or nothing can be done any more
         self.seconds = 0.0
@@ -133,7 +134,9 @@ class Run:
                 self._name_passed_over()
                 with closing(self._results(work)) as results:
                     for job, outcome in results:
-                        self.outcomes.append((job, outcome))
+                        if self.passed is not None:
+                            self.passed(job, outcome)
+                        self.outcomes.append((replace(job, content=None), outcome))
                         self._print(outcome, lines=lines and not self.options.silent)
                         show(places[job.source], count)
         except KeyboardInterrupt:
@@ -365,6 +368,6 @@ def _shutter(
     return RollingShutter(readout_s=readout_s, exposure_s=exposure_s, towards=towards)
 
 
-def features_in(as_stored: bool, source: Source, content: bytes) -> Features:
+def features_in(as_stored: bool, source: Source, content: Content) -> Features:
     """Return the features of a photograph, by which its neighbours are matched."""
     return features_of(read_image(source.path, as_stored=as_stored, content=content))

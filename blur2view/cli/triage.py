@@ -3,15 +3,14 @@
 import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from math import inf
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
 
-from blur2view.cli.choosing import candidates
+from blur2view.cli.choosing import Chosen, Pictures, candidates
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import Length, flag, length, neighbours, option, radius
@@ -20,9 +19,9 @@ from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source
-from blur2view.images.video import frame_rate, read_frame
+from blur2view.images.video import frame_rate
 from blur2view.networks.smear_network import Detail
-from blur2view.results.record import Record, explanations
+from blur2view.results.record import explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
@@ -112,22 +111,24 @@ class TriageOptions(Command):
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
         if self._compares_gradients:
             run.looked_at = candidates(self._groups(run.jobs))
-        run.do(look_at, total=False, checked=self.extract, keep=self.keep)
-        if run.done and not run.early_exit_code:
-            self._write(run)
+        with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
+            chosen = self._chosen(run.jobs, pictures)
+            run.passed = chosen.add
+            run.do(look_at, total=False, checked=self.extract, keep=self.keep)
+            if run.done and not run.early_exit_code:
+                self._write(run, chosen.kept(), pictures)
         return run.exit_code
 
-    def _write(self, run: Run) -> None:
+    def _write(self, run: Run, kept: Sequence[Job], pictures: Pictures | None) -> None:
         """Write list and pictures, and print the closing line."""
-        kept = self._kept(run.jobs, {job.source: outcome.record for job, outcome in run.outcomes})
         if self.keep is not None:
             text = "".join(f"{job.name}\n" for job in kept)
             write_file(self.keep, text.encode("utf-8", "surrogateescape"), noted=True)
-        if self.extract is not None:
+        if self.extract is not None and pictures is not None:
             targets = extracted(self.extract, run.jobs)
             failed = {job.source for job, outcome in run.outcomes if outcome.error}
             whole = {source: path for source, path in targets.items() if source not in failed}
-            extract(whole, {job.source for job in kept})
+            extract(whole, {job.source for job in kept}, pictures)
         if self.silent:
             return
         uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
@@ -179,23 +180,12 @@ class TriageOptions(Command):
             raise ImageError(f"{source}: is not a frame of a video; name a number with --every-best")
         return max(round(self.every_best * frame_rate(source.path) / self.reading.every), 1)
 
-    def _kept(self, jobs: Sequence[Job], found: Mapping[Source, Record]) -> list[Job]:
-        """Return the photographs to keep, in order."""
-        read = {job: found[job.source] for job in jobs if job.source in found and not found[job.source].error}
-
-        def width(job: Job) -> tuple[bool, float]:
-            blur_px = read[job].blur_px  # where nothing is seen it comes last
-            return read[job].use != Use.SHARP, inf if blur_px is None else blur_px
-
+    def _chosen(self, jobs: Sequence[Job], pictures: Pictures | None) -> Chosen:
+        """Return what takes the photographs that pass, and keeps some."""
         if self.best is not None or self.every_best is not None:
-            groups = [[job for job in group if job in read] for group in self._groups(jobs)]
-            chosen = {min(group, key=width) for group in groups if group}
-            if self.best is not None:
-                chosen = set(sorted(chosen, key=width)[: self.best])
-        else:
-            wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
-            chosen = {job for job, photograph in read.items() if photograph.use in wanted}
-        return [job for job in read if job in chosen]
+            return Chosen(jobs, self._groups(jobs), most=self.best, pictures=pictures)
+        wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
+        return Chosen(jobs, [[job] for job in jobs], wanted=wanted, pictures=pictures)
 
 
 def look_at(options: TriageOptions, job: Job) -> Outcome:
@@ -246,16 +236,17 @@ def refuse_filled(folder: Path, targets: Collection[Path]) -> None:
         raise OutputError(f"{folder}: holds {other.relative_to(folder)}; name an empty folder with --extract")
 
 
-def extract(targets: Mapping[Source, Path], kept: Collection[Source]) -> None:
+def extract(targets: Mapping[Source, Path], kept: Collection[Source], pictures: Pictures) -> None:
     """Write photographs as they are, and frames of videos as PNG; remove those that are not kept any more.
 
-    OutputError if a file cannot be written, or one that is there is not what would be written, ImageError if
+    Of frames the ``pictures`` are written; only those that an earlier call wrote and this one does not keep
+    are decoded once more. OutputError if a file cannot be written, or one that is there is not what would be written, ImageError if
     a photograph cannot be read.
     """
     there = [source for source, path in targets.items() if os.path.lexists(path)]
     for source in there:
         path = targets[source]
-        if path.is_symlink() or path.read_bytes() != _extract(source):
+        if path.is_symlink() or path.read_bytes() != (pictures.get(source) or source.picture()):
             remedy = "move it away, or name an empty folder with --extract"
             raise OutputError(f"{path}: is not what this call would write; {remedy}")
     for source in there:
@@ -263,11 +254,4 @@ def extract(targets: Mapping[Source, Path], kept: Collection[Source]) -> None:
             targets[source].unlink()
     for source, path in targets.items():
         if source in kept and source not in there:
-            write_file(path, _extract(source))
-
-
-def _extract(source: Source) -> bytes:
-    """Return the file of a photograph, of a frame one with its pixels."""
-    if source.frame is None:
-        return source.read()
-    return bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])
+            write_file(path, pictures.get(source) or source.picture())

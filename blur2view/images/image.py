@@ -52,13 +52,15 @@ PHOTOGRAPH_SUFFIXES |= {
     ".tiff",
     ".webp",
 }
+Content = bytes | AnyArray
+"""What a photograph's file holds, or the pixels (H, W, 3), RGB, uint8, of a frame that has been decoded."""
 BITS, SIGNS = ExifTags.Base.BitsPerSample, ExifTags.Base.SampleFormat  # of TIFF
 PLANES, TONES = ExifTags.Base.PlanarConfiguration, ExifTags.Base.PhotometricInterpretation
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
 def read_image(
-    path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
+    path: str | os.PathLike[str], *, as_stored: bool = False, content: Content | None = None
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB (H, W, 3).
 
@@ -72,8 +74,8 @@ def read_image(
         The file; its name alone tells RAW.
     as_stored : bool
         Leave the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF.
-    content : bytes, optional
-        The content of the file, where it has been read already.
+    content : bytes or ndarray of shape (H, W, 3), optional
+        The content of the file, where it has been read already; of a frame of a video its pixels.
 
     Returns
     -------
@@ -123,10 +125,13 @@ class Picture:
 
 
 def read_picture(
-    path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
+    path: str | os.PathLike[str], *, as_stored: bool = False, content: Content | None = None
 ) -> Picture:
     """Return a photograph with its file's bits; parameters and errors are those of `read_image`."""
     path = Path(path)
+    if isinstance(content, np.ndarray):
+        _check_size(path, *content.shape[1::-1])
+        return Picture(pixels=content)
     encoded = read_content(path) if content is None else content
     if not encoded:
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 import cv2
+import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.files import is_ours, open_picture, read_regular, read_stream, real_paths
-from blur2view.images.image import PHOTOGRAPH_SUFFIXES, read_content
+from blur2view.images.image import PHOTOGRAPH_SUFFIXES, Content, read_content
 from blur2view.images.video import frame_numbers, is_video, read_frame
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
@@ -55,19 +56,24 @@ class Source:
             return None
         return replace(self, frame=self.frame + steps, time_s=None)
 
-    def read(self) -> bytes:
-        """Return the content of the file, of a frame that of a bitmap with its pixels.
+    def read(self) -> Content:
+        """Return the content of the file, of a frame its pixels.
 
         ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
         """
         if self.frame is None:
             return read_content(self.path)
-        return bitmap(read_frame(self.path, self.frame))
+        return np.asarray(cv2.cvtColor(read_frame(self.path, self.frame), cv2.COLOR_BGR2RGB))
+
+    def picture(self) -> bytes:
+        """Return the content of a file with the pixels: of a photograph its own, of a frame a PNG."""
+        content = self.read()
+        return content if isinstance(content, bytes) else png_of(content)
 
 
-def bitmap(pixels: AnyArray) -> bytes:
-    """Return the content of a file with these pixels (H, W, 3), BGR, uint8."""
-    return bytes(cv2.imencode(".bmp", pixels)[1])
+def png_of(pixels: AnyArray) -> bytes:
+    """Return the content of a PNG with these pixels (H, W, 3), RGB, uint8."""
+    return bytes(cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1])
 
 
 def has_frames(path: Path) -> bool:

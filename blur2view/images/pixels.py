@@ -13,6 +13,9 @@ QUANTILE, BRIGHT, MAX_GAIN = 0.995, 0.9, 256.0
 """Quantile of a photograph's values that is brought to this brightness, and the largest factor; bounds."""
 MIN_SAMPLES = 1_000_000
 """Values, of a larger photograph, that the quantile is taken of; bound."""
+GRADIENT_SIDE_PX = 480
+"""Longer side of the copies whose gradients are compared: of neighbours in rendered and real videos they chose
+better than those of 640, 960 and 1280 px, which show more noise (``tools.evaluation.chosen_frames``)."""
 LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
 MIN_SIDE_PX, MAX_ASPECT = 16, 100
 """Shortest side, and longest over shortest: smaller ones show no smear, strips no field of them; bounds."""
@@ -113,6 +116,20 @@ def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
     rank = min(int(QUANTILE * len(values)), len(values) - 1)
     bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_of(image)))
     return min(max(brightness / max(bright, 1e-6), 1.0), MAX_GAIN)
+
+
+def gradient_energy(picture: AnyArray) -> float:
+    """Return the mean squared gradient of a picture (H, W, 3), RGB, or (H, W), uint8, reduced: Tenengrad.
+
+    Among pictures of the same things the sharpest has the most. J. M. Tenenbaum, Accommodation in Computer
+    Vision, 1970. ``Sobel`` weighs by 8.
+    """
+    grey = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
+    if (larger := max(grey.shape) / GRADIENT_SIDE_PX) > 1:
+        size = [max(round(side / larger), 1) for side in grey.shape[::-1]]
+        grey = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA))
+    along = [cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1))]
+    return float(sum(cv2.norm(one, cv2.NORM_L2SQR) for one in along)) / 64 / grey.size
 
 
 def brightened(image: Floats, gain: float) -> Floats:

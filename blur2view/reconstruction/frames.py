@@ -11,10 +11,11 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source, list_photographs
+from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, is_video, read_frame
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
-THUMBNAIL_PX, ENERGY_PX = 160, 960  # longer sides: of what shows how the picture moves, and how sharp it is
+THUMBNAIL_PX = 160  # longer side of what shows how the picture moves
 STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
 FEWEST = 12  # stretches, where there are so many frames
 
@@ -24,7 +25,7 @@ class Frame(NamedTuple):
 
     name: str  # below ``images``
     number: int  # in the video, or its place in the folder
-    energy: float  # of the gradient, mean square over the variance: how sharp it is among its neighbours
+    energy: float  # of the gradient: how sharp it is among its neighbours
     moved: float  # of the picture since the frame before, of its longer side
 
 
@@ -38,13 +39,6 @@ def sources_of(video: Path) -> list[tuple[str, Source]]:
     if not video.is_dir():
         raise ImageError(f"{video}: is neither a video nor a folder of its frames; name one")
     return list(zip(inputs.names(), inputs.sources, strict=True))
-
-
-def content_of(source: Source) -> bytes:
-    """Return a frame as it is stored in a scene: a photograph as it is, a video's frame as PNG."""
-    if source.frame is None:
-        return source.read()
-    return bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])
 
 
 def looked_at(
@@ -69,7 +63,7 @@ def looked_at(
             shift = np.array(cv2.phaseCorrelate(before, thumbnail, window)[0])
             moved = float(np.linalg.norm(shift)) / max(thumbnail.shape)
         before = thumbnail
-        yield Frame(name, place if source.frame is None else source.frame, _energy(grey), moved)
+        yield Frame(name, place if source.frame is None else source.frame, gradient_energy(grey), moved)
 
 
 def _grey(source: Source) -> AnyArray:
@@ -82,13 +76,6 @@ def _grey(source: Source) -> AnyArray:
 def _reduced(grey: AnyArray, side: int) -> AnyArray:
     scale = min(1.0, side / max(grey.shape))
     return np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-
-
-def _energy(grey: AnyArray) -> float:
-    """Return the mean square of the gradient over the picture's variance."""
-    values = np.asarray(_reduced(grey, ENERGY_PX), np.float32)
-    across, down = np.diff(values, axis=1), np.diff(values, axis=0)
-    return float(((across**2).mean() + (down**2).mean()) / (values.var() + 1.0))
 
 
 def chosen(frames: Sequence[Frame], limit: int) -> list[Frame]:

@@ -43,7 +43,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
+from blur2view.reconstruction.frames import Frame, chosen, looked_at, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
@@ -184,7 +184,7 @@ def reconstruct(
             for done, name in enumerate(kept):
                 show(done, len(kept))
                 if not (images / name).is_file():  # one that is there is whole
-                    write_file(images / name, content_of(listed[name]))
+                    write_file(images / name, listed[name].picture())
         return len(kept)
 
     scene.step("images", [f"{IMAGES}/{name}" for name in kept], write_images)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from blur2view.cli import jobs, run
-from blur2view.cli.executors import Shared
+from blur2view.cli.executors import Shared, as_it_is
 from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_of
 from blur2view.errors import ImageError
 from blur2view.exposure import sequence
@@ -118,7 +118,7 @@ def test_each_frame_of_a_video_is_read_and_described_once_and_each_pair_matched_
     counted(sequence, "match_features")
     counted(inputs, "read_frame")
     monkeypatch.setattr(jobs, "processes", ThreadPoolExecutor)  # processes would count by themselves
-    monkeypatch.setattr(jobs, "Shared", bytes)
+    monkeypatch.setattr(jobs, "Shared", as_it_is)
     assert call("estimate", write_video(tmp_path / "clip.mp4", 12), "--jobs", count, "-q") == 0
     assert asked["features_of"] == 12 and asked["match_features"] == 11
     assert asked["read_frame"] <= 14  # with those that would be behind the last
