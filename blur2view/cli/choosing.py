@@ -145,7 +145,7 @@ class Pictures:
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._ranges = folder, dict[Source, tuple[int, int]]()
-        self._file = tempfile.TemporaryFile(dir=writable_folder(folder))
+        self._file = tempfile.TemporaryFile(dir=writable_folder(folder))  # noqa: SIM115  closed by __exit__
 
     def add(self, source: Source, content: Content | Shared) -> None:
         """Encode the pixels of a frame; OutputError if the disk is full."""

@@ -240,8 +240,8 @@ def extract(targets: Mapping[Source, Path], kept: Collection[Source], pictures: 
     """Write photographs as they are, and frames of videos as PNG; remove those that are not kept any more.
 
     Of frames the ``pictures`` are written; only those that an earlier call wrote and this one does not keep
-    are decoded once more. OutputError if a file cannot be written, or one that is there is not what would be written, ImageError if
-    a photograph cannot be read.
+    are decoded once more. OutputError if a file cannot be written, or one that is there is not what would be
+    written, ImageError if a photograph cannot be read.
     """
     there = [source for source, path in targets.items() if os.path.lexists(path)]
     for source in there:

@@ -14,8 +14,8 @@ QUANTILE, BRIGHT, MAX_GAIN = 0.995, 0.9, 256.0
 MIN_SAMPLES = 1_000_000
 """Values, of a larger photograph, that the quantile is taken of; bound."""
 GRADIENT_SIDE_PX = 480
-"""Longer side of the copies whose gradients are compared: of neighbours in rendered and real videos they chose
-better than those of 640, 960 and 1280 px, which show more noise (``tools.evaluation.chosen_frames``)."""
+"""Longer side of the copies whose gradients are compared: among neighbours in four videos they chose better
+than those of 640, 960 and 1280 px, which show more noise."""
 LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
 MIN_SIDE_PX, MAX_ASPECT = 16, 100
 """Shortest side, and longest over shortest: smaller ones show no smear, strips no field of them; bounds."""
