@@ -21,31 +21,32 @@ from blur2view.results.record import Record
 from blur2view.two_view.constants import TRANSLATION_RULE
 
 WRITTEN = """
-NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
-    COLMAP with --image_path of that folder; with --link the name in your database
-a fresh database: appears whole or not at all. Photographs without intrinsics get COLMAP's guess
-    (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that as a prior.
-    Without F and H a photograph has its configuration and no matches: its ends have no order. Where the
-    translation is undecided the matches are there, but no inliers of the two-view geometry: a mapper looks at
-    no configuration, and would make points from a rotation
---link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
-    d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
-    px), and adds the pairs photograph-open, photograph-close and open-close, with all inliers, as depth comes
-    from your other photographs. Rows of yours are read, never written; one transaction, after a copy to
-    DB.<time>.bak: killed at any moment it leaves the database as before or as after. Views of an earlier
-    call are written anew. Where COLMAP has a prior, the project's focal length is a hint; --camera project.db
-    takes it for true. Whatever maps the project later sees the views, too, unless it is limited to images
-    (image_names) or given the backup
-order in time: one photograph does not show which view came first; neighbours in a video do. Where they do not
-    decide, one direction is taken and marked unknown
+NAME: the path of a photograph, relative to the folder that is given or else to the folder that all
+    photographs share; give COLMAP this folder as --image_path. With --link it is the name in your database
+a new database: it is written whole or not at all. A photograph without intrinsics gets COLMAP's guess
+    (SIMPLE_RADIAL, a focal length of 1.2 times the longer side, no prior); a focal length of EXIF becomes a
+    prior. A photograph without F and H has a configuration and no matches, because its ends have no order. A
+    photograph whose translation is undecided has matches, but its two-view geometry has no inliers, because a
+    mapper does not read the configuration, and would make points from a rotation
+--link: the image of a photograph is the one whose name is the longest ending of the photograph's path. A
+    feature at k becomes a keypoint at k - d(k)/2 of one view and at k + d(k)/2 of the other one, where d is
+    the smear; it is matched if the smear is known to half of its length or to 1.5 px. The pairs
+    photograph-open, photograph-close and open-close are added, with all matches as inliers, because depth
+    comes from your other photographs. Your rows are read and never written. The database is first copied to
+    DB.<time>.bak, and then changed in one transaction, so that a call that is killed leaves it as it was
+    before or as it is after. Views of an earlier call are written anew. If COLMAP has a prior, the project's
+    focal length is a hint; --camera project.db takes it as exact. Every program that maps the project later
+    sees the views, too, unless it is limited to some images (image_names) or reads the backup
+order in time: a single photograph does not show which view came first, but its neighbours in a video do.
+    Where they do not decide, one order is taken and marked as unknown
 """
 DOCUMENT = f"""
-target: (str) The database that was written.
-backup: (str or null) The copy of the database from before, with --link.
-photographs: (list) Those that were written: the record of blur2view estimate, in which num_matches and
-    num_inliers count matches of both views; and image, its path; views, the names of both; action, added or
-    replaced; num_keypoints of each view; translation_known, whether there is a translation: it
-    is {TRANSLATION_RULE}.
+target: (str) Path of the database that was written.
+backup: (str or null) Path of the copy that --link made before it changed the database.
+photographs: (list) The photographs that were written. Each has the record of blur2view estimate, in which
+    num_matches and num_inliers count matches of both views, and also: image, its path; views, the names of
+    both; action, added or replaced; num_keypoints of each view; translation_known, whether the translation is
+    given: it is {TRANSLATION_RULE}.
 failures: (list) Photographs that failed: image, error.
 """
 
@@ -54,26 +55,27 @@ failures: (list) Photographs that failed: image, error.
 class ToColmapOptions(Command):
     """The options of ``blur2view to-colmap``.
 
-    Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
-    shutter opened and when it closed. They share the photograph's camera and have a rig and a frame,
-    keypoints (both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with
-    known intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the
-    orientation of EXIF is not applied. No files have these names, and mapping needs none;
-    blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
-    help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
-    place puts them into its model.
+    Write each photograph NAME into a COLMAP database as two virtual images, NAME#open and NAME#close: what
+    the camera saw when the shutter opened and when it closed. Both have the photograph's camera, a rig and a
+    frame, keypoints (the ends of the smears), matches, and a two-view geometry with configuration, F, H and,
+    if the intrinsics are known, E and the pose. Pixels are those of the file as it is stored, because COLMAP
+    does not apply the orientation of EXIF either. No file has these names, and mapping needs none.
+    blur2view.mapper_options() returns options for COLMAP's mapper, whose defaults refuse such short
+    baselines, and help("blur2view.colmap.mapping") explains how to map. --link adds the views to a project of
+    yours, and "blur2view place" puts them into its model.
     """
 
-    db: Path = required("--db DB: the database: a new one, or with --link yours")
-    link: bool = flag("--link: add to a database that holds the photographs and their features")
+    db: Path = required("--db DB: COLMAP database to write; it must be new, unless --link adds to it")
+    link: bool = flag("--link: add the views to a database that has the photographs and their features")
     order: Order = Order()
     document: Document = Document()
     backup: bool = rare_option(
-        "--no-backup: with --link: do not copy the database to DB.<time>.bak first", True
+        "--no-backup: do not copy the database to DB.<time>.bak before --link changes it", True
     )
 
     exit_codes = Command.exit_codes | {
-        "1": "a photograph failed, with one line on stderr each; views of the others are written",
+        "1": "at least one photograph failed; each has a line on stderr, and the views of all others are "
+        "written",
         "130": "interrupted by Ctrl-C; nothing is written",
     }
     examples = (
@@ -88,7 +90,7 @@ class ToColmapOptions(Command):
         if not self.link and not self.backup:
             raise ValueError("--no-backup goes with --link")
         if self.link and self.many.dask is not None:
-            raise ValueError("--link goes without --dask, whose workers see no database")
+            raise ValueError("--link excludes --dask, because its workers cannot read the database")
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing all of them at once.
@@ -123,10 +125,10 @@ class ToColmapOptions(Command):
         lines = [views_line(record, verbose=self.printing.verbose) for record in records]
         undecided = sum(record["num_matches"] > 0 and not record["translation_known"] for record in records)
         if undecided:
-            why = "nothing is lost, as the depth of their points comes from your other photographs"
+            why = "nothing is lost, because the depth of their points comes from your other photographs"
             if not self.link:
-                why = "COLMAP makes no points from them alone, only beside other photographs (--link)"
-            turned = "a rotation or a plane explains their smears as well"
+                why = "COLMAP makes points from them only together with other photographs (--link)"
+            turned = "a rotation or a plane explains their smears equally well"
             lines.append(f"translation undecided in {undecided} of {len(records)}: {turned}; {why}")
         count = f"{plural(2 * len(records), 'image')} of {plural(len(records), 'photograph')}"
         kept = "" if backup is None else f"; backup {printable(str(backup))}"
@@ -144,8 +146,8 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
         own = plan.camera
         if (own.width, own.height) != size:
             raise CameraError(
-                f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
-                "; give the photograph that the features are from"
+                f"{path}: has {size[0]}x{size[1]} pixels, but {own.width}x{own.height} in {options.db}; "
+                "give the photograph from which the features were extracted"
             )
         hint = plan.prior_focal and not stated.given
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
@@ -160,7 +162,7 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
 def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
     """Return the jobs, with their images in a user's project if one is given."""
     if project is None:
-        rule = "its name is not UTF-8, which a database needs; rename it"
+        rule = "a database cannot store its name, which is not UTF-8; rename it"
         refusals = [None if storable(job.name) else DatabaseError(f"{job.source}: {rule}") for job in jobs]
         return [replace(job, refusal=job.refusal or why) for job, why in zip(jobs, refusals, strict=True)]
     planned = []
@@ -185,7 +187,7 @@ def views_record(job: Job, record: Record, views: ExposureViews) -> dict[str, An
         "translation_known": views.translation_known,
     }
     if plan is not None and not count and not (geometry.F is None and geometry.H is None):
-        document["reason"] = "no feature of yours has a smear that can be used"
+        document["reason"] = "none of its features has a smear that can be used"
     return document
 
 

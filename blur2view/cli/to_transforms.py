@@ -28,13 +28,13 @@ MASKS = "masks"  # beside transforms.json
 LONG_SMEAR_PX = 3.0  # from which on photographs are counted as blurred, as in the example of --max-smear
 Photographs = Sequence[transforms.Exposed]
 KEYS = """
-instant-ngp: transforms.json alone, whose cameras are put into its box
-nerfstudio: the file, and beside it the model's points, sparse_pc.ply; its main line reads the same without
-    the motion
-gsplat: no file but a folder: sparse/0, COLMAP's model with the photographs alone, and images, a link to them
-masks: nerfstudio masks/NAME.png beside the file, and mask_path of each frame; instant-ngp
-    dynamic_mask_NAME.png beside each photograph, where it looks for it
-order in time: which view came first does not matter to a photograph blurred by a global shutter
+instant-ngp: transforms.json alone; the cameras are moved and scaled into instant-ngp's box
+nerfstudio: transforms.json, and beside it the model's points in sparse_pc.ply; nerfstudio itself reads the
+    same file and ignores the motion
+gsplat: a folder with COLMAP's model of the photographs in sparse/0, and a link to the photographs in images
+masks: nerfstudio gets masks/NAME.png beside the file, and mask_path of each frame; instant-ngp gets
+    dynamic_mask_NAME.png beside each photograph
+order in time: it does not matter which view came first, unless the photograph has a rolling shutter
 """
 
 
@@ -42,34 +42,34 @@ order in time: which view came first does not matter to a photograph blurred by 
 class ToTransformsOptions:
     """The options of ``blur2view to-transforms``.
 
-    Write a COLMAP model with the views NAME#open and NAME#close, as blur2view place writes it, as the
-    transforms.json that trainers of radiance fields read: instant-ngp, which lets each ray of a frame look
-    from a random instant of its exposure, or the motion-blur fork of nerfstudio. The main line of nerfstudio
-    and gsplat know no blur and take each frame as sharp at mid exposure; --max-smear leaves out what is not.
-    The world is the model's, in its unit. help("blur2view.colmap.transforms") has all conventions with their
-    sources.
+    Write a COLMAP model with the views NAME#open and NAME#close, as "blur2view place" makes it, for a trainer
+    of radiance fields. instant-ngp lets each ray of a frame look from a random instant of the exposure, and
+    nerfstudio's fork for motion blur models the blur as well. nerfstudio itself and gsplat do not model blur,
+    and take each frame as sharp at mid exposure; --max-smear leaves out the frames that are not sharp. The
+    world and its unit are those of the model. help("blur2view.colmap.transforms") explains all conventions
+    and names their sources.
     """
 
     model: Path = required("MODEL: folder of a COLMAP model with views")
-    photographs: Path | None = option("""--images DIR: folder of the photographs (default: the one that
-        blur2view place, or COLMAP, noted in MODEL/project.ini, or else images beside the file)""")
+    photographs: Path | None = option("""--images DIR: folder of the photographs (default: the folder that
+        MODEL/project.ini names, or else images beside the file)""")
     exposure: Annotated[float, exposure_s] = option(
-        """--exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with
-        the velocities shows in a photograph (default: %(default)g, velocities per exposure)""",
+        """--exposure S: exposure time in seconds for nerfstudio, such as 0.02 or 1/50; photographs show only
+        its product with the velocities, so that 1 will do (default: %(default)g)""",
         1.0,
     )
-    masks: Path | None = option("""--masks-from DIR: results of blur2view segment of these photographs, whose
-        masks are put where the trainer reads them""")
+    masks: Path | None = option("""--masks-from DIR: folder of results of "blur2view segment" for these
+        photographs; their masks are written where the trainer reads them""")
     max_smear: Annotated[Length | None, length] = option("""--max-smear PX: leave out photographs whose smear
-        is longer, in pixels or as 0.3%% of the width, or unknown (default: keep all); a sharp one
-        has none""")
+        is unknown or longer than this, in pixels or, as 0.3%%, in per cent of the width (default: keep
+        all)""")
     output: Path = option(
-        """-o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call
-        is replaced""",
+        """-o, --output JSON: file to write, or for gsplat a folder (default: %(default)s); the result of an
+        earlier call is replaced""",
         Path("transforms.json"),
     )
     dialect: Annotated[str, one_of(*transforms.DIALECTS)] = option(
-        "--dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)",
+        "--dialect NAME: trainer to write for, instant-ngp, nerfstudio or gsplat (default: %(default)s)",
         transforms.DIALECTS[0],
     )
     printing: Printing = Printing()
@@ -84,7 +84,9 @@ class ToTransformsOptions:
 
     def __post_init__(self) -> None:
         if self.dialect == transforms.GSPLAT and (self.masks is not None or self.output.suffix == ".json"):
-            raise ValueError("gsplat reads a folder, named with -o, and no masks")
+            raise ValueError(
+                "gsplat reads a folder and no masks; name a folder with -o, and omit --masks-from"
+            )
 
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
@@ -101,7 +103,8 @@ class ToTransformsOptions:
         if not photographs:
             missing = images / listed[0].image.name
             raise OutputError(
-                f"{missing}: no such photograph, nor any other; name their folder with --images"
+                f"{missing}: neither this photograph nor any other one is there; name their folder with "
+                f"--images"
             )
         there = {image.name for image in model.images.values() if image.has_pose}
         lost = smear_lengths(noted(self.model, DATABASE) or self.model).keys() - there
@@ -147,7 +150,7 @@ def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tupl
         try:
             transforms.scaled(camera, size)
         except ValueError as error:
-            remedy = "name the folder of the model's photographs, in any size, with --images"
+            remedy = "name the folder of the model's photographs with --images; they may have another size"
             raise OutputError(f"{path}: {error} of its camera; {remedy}") from None
         sizes[image.name] = size
     return sizes
@@ -158,7 +161,9 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
     target, masks, sizes = options.output, options.masks, _sizes(model, photographs, images)
     path_of_images = os.path.relpath(images, target.parent)
     if not storable(path_of_images):
-        raise OutputError(f"{path_of_images}: is not UTF-8, which {target.name} needs; rename the folder")
+        raise OutputError(
+            f"{path_of_images}: cannot be named in {target.name}, because it is not UTF-8; rename the folder"
+        )
     content = transforms.content_of(
         model,
         options.model,
@@ -189,7 +194,7 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
     write_beside(own, noted=True)
     still = sum(not photograph.views for photograph in photographs)
     if still:
-        line += f", {still} of them without views, as if sharp (blur2view place gives them)"
+        line += f", {still} of them without views and taken as sharp (blur2view place adds views)"
     cameras = (model.cameras[photograph.image.camera_id] for photograph in photographs)
     if [*sizes.values()] != [(camera.width, camera.height) for camera in cameras]:
         line += ", cameras scaled to the size of the photographs"
@@ -224,12 +229,12 @@ def _mask(
     called = PurePath(name).with_suffix(""), PurePath(name)  # by segment, the latter where two have one stem
     masks = [path for stem in called if (path := folder / f"{stem}{ENDINGS[0]}").is_file()]
     if not masks:
-        remedy = "make it with blur2view segment and name its folder, that of -o"
+        remedy = "make it with blur2view segment -o DIR, and name DIR"
         raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
     labels = stored_from_upright(stored_labels(masks[0]), read_orientation(photograph))
     if labels.shape != size[::-1]:
-        shape = f"{labels.shape[1]}x{labels.shape[0]} pixels, its photograph of {size[0]}x{size[1]}"
-        raise OutputError(f"{masks[0]}: is of {shape}; segment the photographs in {photograph.parent}")
+        shape = f"{labels.shape[1]}x{labels.shape[0]} pixels, but its photograph has {size[0]}x{size[1]}"
+        raise OutputError(f"{masks[0]}: has {shape}; segment the photographs in {photograph.parent}")
     return png(MaskFormat(options.dialect).picture(labels))
 
 

@@ -71,169 +71,207 @@ class Record:
     centre of the top-left one; only the ``params`` of a camera follow COLMAP: that centre is (0.5, 0.5).
     """
 
-    name: str = explained("As COLMAP names it: below the folder that was given, or that all share.", MISSING)
-    error: str = explained("Why it failed; all else is then empty.", "")
-    width: int | None = explained("Width in pixels, upright.")
-    height: int | None = explained("Height in pixels, upright.")
-    frame: int | None = explained("Number of the frame in its video, from 0.")
-    timestamp_s: float | None = explained("Its time in the video or in its file name, seconds.")
+    name: str = explained(
+        "Name for COLMAP: the path relative to the folder that was given, or that all photographs share.",
+        MISSING,
+    )
+    error: str = explained("Why the photograph failed; everything else is then empty.", "")
+    width: int | None = explained("Width of the upright photograph in pixels.")
+    height: int | None = explained("Height of the upright photograph in pixels.")
+    frame: int | None = explained("Number of the frame in its video, counted from 0.")
+    timestamp_s: float | None = explained("Time in seconds, from the video or the file name.")
 
     blur: str = explained(
-        """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of
-        focus and moved, cannot tell. Only where the camera moved a geometry is looked for.""",
+        """Kind of blur: sharp, out of focus, camera moved, camera at rest (and something moves), out of focus
+        and moved, or cannot tell. A geometry is looked for only if the camera moved.""",
         "",
     )
-    camera_moved: float | None = explained("Probability that the camera moved; null where nothing is seen.")
+    camera_moved: float | None = explained(
+        "Probability that the camera moved; null if the photograph does not show it."
+    )
     nothing_seen: str = explained(
-        """Why nobody can tell: too dark, overexposed, one colour, smears no longer than their errors.""", ""
+        """Why the blur cannot be told: too dark, overexposed, one colour, or smears no longer than their
+        errors.""",
+        "",
     )
     smear_px: float | None = explained(
-        "Length of its smear, pixels: the median, each place weighed by how well it shows blur."
+        "Length of the smears in pixels: the median over the picture, weighted by how well each place shows "
+        "blur."
     )
     smear_sigma_px: float | None = explained(
-        "Its standard deviation; a smear_px below it may be no smear at all."
+        "Standard deviation of smear_px in pixels; a smear that is shorter may be an error."
     )
-    direction_deg: float | None = explained("Of the smears, from x to y, 0 to 180; null if they differ.")
-    defocus_px: float | None = explained("Radius out of focus where it is least, pixels; 1 if sharp.")
-    defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
-    moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
+    direction_deg: float | None = explained(
+        "Direction of the smears in degrees, from x to y, 0 to 180; null if it differs over the picture."
+    )
+    defocus_px: float | None = explained(
+        "Radius of defocus in pixels, where it is smallest; 1 if the photograph is sharp there."
+    )
+    defocus_sigma_px: float | None = explained(
+        "Standard deviation of the radius over the picture, in pixels."
+    )
+    moving_share: float | None = explained(
+        "Share of the picture that moves by itself; null if it was not computed."
+    )
     use: str = explained(
-        "sharp, blurred (geometry, if asked, explains it), out of focus, unclear, unusable.", ""
+        "Use of the photograph: sharp, blurred (and explained by a geometry, if one was looked for), out of "
+        "focus, unclear or unusable.",
+        "",
     )
 
-    K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
-    camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")
+    K: Matrix | None = explained("Calibration matrix; (0, 0) is the centre of the top-left pixel.")
+    camera: dict[str, Any] | None = explained(
+        "Camera as COLMAP writes it: model, params (in COLMAP's pixels), source, known."
+    )
     config: str = geometric(
-        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all geometry is empty
-        in triage, which looks less closely.""",
+        """Configuration, a name of COLMAP's TwoViewGeometryConfiguration. triage leaves it and all geometry
+        empty, because it looks less closely.""",
         "",
     )
-    reason: str = geometric("One sentence with the figures that decided on the configuration.", "")
+    reason: str = geometric("Sentence with the figures that decided on the configuration.", "")
     parallax: str = geometric(
-        """Whether things at different depths are seen: proven (UNCALIBRATED, CALIBRATED), undecided (F may be
-        of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
+        """Whether the smears show different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F may fit
+        errors only, or too little is seen) or absent (H alone, or no motion).""",
         "",
     )
-    models: list[Any] | None = geometric("Likeliest first: model, parameters, log_likelihood, probability.")
+    models: list[Any] | None = geometric(
+        "Models that were compared, the likeliest first: model, parameters, log_likelihood, probability."
+    )
     independent_smears: float = geometric(
-        "How many independent smears would weigh as much as those used.", 0.0
+        "Number of independent smears that would weigh as much as the smears that were used.", 0.0
     )
     F: Matrix | None = geometric(
-        """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
-        shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
+        """Fundamental matrix with points2^T F points1 = 0 and Frobenius norm 1; 1 is shutter-open and 2 is
+        shutter-close, or the reverse: F and its transpose are one answer. If the lens distorts, F, H and E
         hold for undistorted pixels."""
     )
-    H: Matrix | None = geometric("Homography, points2 ~ H points1; beside F parallax is undecided.")
-    num_matches: int | None = geometric("Smears that were used.")
-    num_inliers: int | None = geometric(
-        """Smears that fit: the Sampson distance of their ends, in the better of both orders, is below 1.73 px
-        and a tenth of their length, or below two of their own standard deviations."""
+    H: Matrix | None = geometric(
+        "Homography with points2 ~ H points1; where F is given as well, parallax is undecided."
     )
-    support_by_chance: float | None = geometric("Share that would fit if directions were random.")
+    num_matches: int | None = geometric("Number of smears that were used.")
+    num_inliers: int | None = geometric(
+        """Number of smears that fit: the Sampson distance of their ends, in the better of both orders, is
+        below 1.73 px and a tenth of their length, or below two of their own standard deviations."""
+    )
+    support_by_chance: float | None = geometric(
+        "Share of the smears that would fit if their directions were random."
+    )
     num_trials: int | None = geometric("Samples that the robust search for F drew, as COLMAP counts them.")
     inlier_ratio: float | None = geometric("Share of the smears that followed the best F of that search.")
-    E: Matrix | None = geometric("Essential matrix of known intrinsics.")
+    E: Matrix | None = geometric("Essential matrix, if the intrinsics are known.")
     cam2_from_cam1: dict[str, Any] | None = geometric(
-        f"""Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
-        is {TRANSLATION_RULE}; the rotation is then
-        the one that explains the smears alone, or the mean over all directions."""
+        f"""Pose, if the intrinsics are known: rotation (3x3) and translation (unit length or zero); the
+        inverse pose is the same answer. The translation is {TRANSLATION_RULE}; the rotation is then the one
+        that explains the smears alone, or the mean over all directions."""
     )
     pose_covariance: dict[str, Any] | None = geometric(
-        """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
-        rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
+        """Covariance of the pose: matrix (5x5: rotation vector in radians, direction of the translation along
+        two tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
     wx: float | None = geometric(
-        "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit."
+        "Rate about x (right), in rate_unit: the rotation vector of cam2_from_cam1 divided by the exposure "
+        "time."
     )
-    wy: float | None = geometric("The same about y (down). A gyroscope shows the negative.")
-    wz: float | None = geometric("The same about z (forwards). All signs depend on time_known.")
+    wy: float | None = geometric("Rate about y (down). A gyroscope shows the negative.")
+    wz: float | None = geometric(
+        "Rate about z (forwards). The signs of all three rates are open unless time_known."
+    )
     sigma_wx: float | None = geometric("Standard deviation of wx.")
     sigma_wy: float | None = geometric("Standard deviation of wy.")
     sigma_wz: float | None = geometric("Standard deviation of wz.")
     backward: dict[str, Any] | None = geometric(
-        """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
-        config, parallax; null where no such geometry fits the rows."""
+        """Geometry of the other order in time, with --readout: F, H, E, cam2_from_cam1, pose_covariance,
+        config, parallax; null if no such geometry fits the rows."""
     )
 
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
-    readout_s: float | None = explained("From --readout, seconds; geometry is that of a global shutter.")
-    time_known: bool = explained("Whether neighbouring frames decided which end came first.", False)
+    readout_s: float | None = explained(
+        "Readout time in seconds, from --readout; the geometry is that of a global shutter."
+    )
+    time_known: bool = explained(
+        "Whether neighbouring frames decided which end of the exposure came first.", False
+    )
     time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
     mask: dict[str, Any] | None = explained(
-        """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
-        unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
+        """Motion mask of segment: reason (what motion was measured against), shares (of the pixels that are
+        static, moving, unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid,
+        probability)."""
     )
-    beta: float | None = explained("The option --beta.")
-    max_error_px: float | None = explained("The option --max-error.")
-    seed: int | None = explained("The option --seed.")
+    beta: float | None = explained("Value of the option --beta.")
+    max_error_px: float | None = explained("Value of the option --max-error.")
+    seed: int | None = explained("Value of the option --seed.")
     threshold: float | None = explained(
-        "The option --threshold of segment, its default in report; null without a mask."
+        "Value of the option --threshold of segment, or its default in report; null without a mask."
     )
-    version: str = explained("The version of blur2view.", "")
+    version: str = explained("Version of blur2view.", "")
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
     input_sha256: str = explained(
-        "SHA-256 of the photograph's file, or of its video's, over 4 GiB of its size, start and end.", ""
+        "SHA-256 of the file of the photograph or video; of a file over 4 GiB that of its size, start and "
+        "end.",
+        "",
     )
-    options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
-    files_sha256: str = explained("SHA-256 of the files that were written beside this document.", "")
+    options_sha256: str = explained(
+        "SHA-256 of everything else on which the result depends; --resume compares it.", ""
+    )
+    files_sha256: str = explained("SHA-256 of the files that were written with this document.", "")
 
     @property
     def verdict(self) -> str:
-        """What the photograph shows, one sentence: the line that is printed."""
+        """What the photograph shows, in one sentence, which is also printed."""
         return verdict(self)
 
     @property
     def smear_percent(self) -> float | None:
-        """Length of the smear over the width of the picture, per cent."""
+        """Length of the smears in per cent of the width of the picture."""
         return None if self.smear_px is None or not self.width else 100 * self.smear_px / self.width
 
     @property
     def blur_px(self) -> float | None:
-        """Width of all blur as the length of a smear, pixels, by which triage ranks photographs."""
+        """Width of all blur as the length of a smear in pixels; triage ranks photographs by it."""
         if self.smear_px is None:
             return None
         return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
 
     @property
     def model(self) -> str:
-        """The likeliest of no motion, rotation, plane and parallax; empty if none were compared."""
+        """Likeliest model: no motion, rotation, plane or parallax; empty if no models were compared."""
         return str(self.models[0]["model"]) if self.models else ""
 
     @property
     def model_probability(self) -> float | None:
-        """Probability of the likeliest model, with any shutter."""
+        """Probability of the likeliest model, with a global or a rolling shutter."""
         return self.probability(self.model)
 
     @property
     def parallax_probability(self) -> float | None:
-        """Probability that depths differ; null if not compared."""
+        """Probability that the smears show different depths; null if no models were compared."""
         return self.probability(MotionModel.PARALLAX)
 
     @property
     def rotation_probability(self) -> float | None:
-        """Probability that the camera turned alone."""
+        """Probability that the camera only turned."""
         return self.probability(MotionModel.ROTATION)
 
     @property
     def plane_probability(self) -> float | None:
-        """Probability that all lies in one plane."""
+        """Probability that the whole scene lies in one plane."""
         return self.probability(MotionModel.PLANE)
 
     @property
     def rotation_deg(self) -> float | None:
-        """Angle of the rotation during the exposure, degrees."""
+        """Angle of the rotation during the exposure in degrees."""
         if self.wx is None or self.wy is None or self.wz is None:
             return None
         return math.degrees(math.hypot(self.wx, self.wy, self.wz) * (self.exposure_s or 1.0))
 
     @property
     def rate_unit(self) -> str:
-        """Unit of wx, wy and wz: rad/s, or without an exposure time rad; empty without a pose."""
+        """Unit of wx, wy and wz: rad/s, or rad if the exposure time is unknown; empty without a pose."""
         unit = "rad/s" if self.exposure_s else "rad"
         return "" if self.wx is None else unit
 
     def probability(self, model: str) -> float | None:
-        """Return the probability of a model, 0 if it was not compared; None if none were."""
+        """Return the probability of a model: 0 if it was not compared, None if no models were."""
         if not self.models:
             return None
         return sum((float(row["probability"]) for row in self.models if row["model"] == model), 0.0)

@@ -163,7 +163,7 @@ def test_what_a_user_changed_since_stays(scene: Path, call: Call) -> None:
 def test_names_that_json_cannot_hold_are_refused(scene: Path, call: Call) -> None:
     folder = (scene / "images").rename(scene / os.fsdecode(b"\xff"))
     refused = call(scene / "model", "--images", folder, "-o", scene / "transforms.json")
-    assert refused == 1 and "is not UTF-8, which transforms.json needs" in refused.line
+    assert refused == 1 and "because it is not UTF-8" in refused.line
 
 
 def test_masks_that_cannot_be_written_are_named_before_the_work(
