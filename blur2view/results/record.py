@@ -71,10 +71,7 @@ class Record:
     centre of the top-left one; only the ``params`` of a camera follow COLMAP: that centre is (0.5, 0.5).
     """
 
-    name: str = explained(
-        "Name for COLMAP: the path relative to the folder that was given, or that all photographs share.",
-        MISSING,
-    )
+    name: str = explained("Path below the folder that was given, or that all photographs share.", MISSING)
     error: str = explained("Why the photograph failed; everything else is then empty.", "")
     width: int | None = explained("Width of the upright photograph in pixels.")
     height: int | None = explained("Height of the upright photograph in pixels.")
@@ -86,33 +83,24 @@ class Record:
         and moved, or cannot tell. A geometry is looked for only if the camera moved.""",
         "",
     )
-    camera_moved: float | None = explained(
-        "Probability that the camera moved; null if the photograph does not show it."
-    )
+    camera_moved: float | None = explained("Probability that the camera moved; null if it cannot be told.")
     nothing_seen: str = explained(
         """Why the blur cannot be told: too dark, overexposed, one colour, or smears no longer than their
         errors.""",
         "",
     )
     smear_px: float | None = explained(
-        "Length of the smears in pixels: the median over the picture, weighted by how well each place shows "
-        "blur."
+        "Median length of the smears in pixels, weighted by how well they show."
     )
     smear_sigma_px: float | None = explained(
-        "Standard deviation of smear_px in pixels; a smear that is shorter may be an error."
+        "Standard deviation of smear_px; a shorter smear may be an error."
     )
     direction_deg: float | None = explained(
-        "Direction of the smears in degrees, from x to y, 0 to 180; null if it differs over the picture."
+        "Direction of the smears, from x to y, 0 to 180; null if it varies."
     )
-    defocus_px: float | None = explained(
-        "Radius of defocus in pixels, where it is smallest; 1 if the photograph is sharp there."
-    )
-    defocus_sigma_px: float | None = explained(
-        "Standard deviation of the radius over the picture, in pixels."
-    )
-    moving_share: float | None = explained(
-        "Share of the picture that moves by itself; null if it was not computed."
-    )
+    defocus_px: float | None = explained("Smallest radius of defocus in the picture, in pixels; 1 if sharp.")
+    defocus_sigma_px: float | None = explained("Standard deviation of this radius in pixels.")
+    moving_share: float | None = explained("Share of the picture that moves by itself; null if not computed.")
     use: str = explained(
         "Use of the photograph: sharp, blurred (and explained by a geometry, if one was looked for), out of "
         "focus, unclear or unusable.",
@@ -120,9 +108,7 @@ class Record:
     )
 
     K: Matrix | None = explained("Calibration matrix; (0, 0) is the centre of the top-left pixel.")
-    camera: dict[str, Any] | None = explained(
-        "Camera as COLMAP writes it: model, params (in COLMAP's pixels), source, known."
-    )
+    camera: dict[str, Any] | None = explained("Camera as COLMAP writes it: model, params, source, known.")
     config: str = geometric(
         """Configuration, a name of COLMAP's TwoViewGeometryConfiguration. triage leaves it and all geometry
         empty, because it looks less closely.""",
@@ -135,27 +121,21 @@ class Record:
         "",
     )
     models: list[Any] | None = geometric(
-        "Models that were compared, the likeliest first: model, parameters, log_likelihood, probability."
+        "Models compared, likeliest first: model, parameters, log_likelihood, probability."
     )
-    independent_smears: float = geometric(
-        "Number of independent smears that would weigh as much as the smears that were used.", 0.0
-    )
+    independent_smears: float = geometric("Number of independent smears of the same weight in all.", 0.0)
     F: Matrix | None = geometric(
         """Fundamental matrix with points2^T F points1 = 0 and Frobenius norm 1; 1 is shutter-open and 2 is
         shutter-close, or the reverse: F and its transpose are one answer. If the lens distorts, F, H and E
         hold for undistorted pixels."""
     )
-    H: Matrix | None = geometric(
-        "Homography with points2 ~ H points1; where F is given as well, parallax is undecided."
-    )
+    H: Matrix | None = geometric("Homography, points2 ~ H points1; if F is given too, parallax is undecided.")
     num_matches: int | None = geometric("Number of smears that were used.")
     num_inliers: int | None = geometric(
         """Number of smears that fit: the Sampson distance of their ends, in the better of both orders, is
         below 1.73 px and a tenth of their length, or below two of their own standard deviations."""
     )
-    support_by_chance: float | None = geometric(
-        "Share of the smears that would fit if their directions were random."
-    )
+    support_by_chance: float | None = geometric("Share of the smears that would fit by chance.")
     num_trials: int | None = geometric("Samples that the robust search for F drew, as COLMAP counts them.")
     inlier_ratio: float | None = geometric("Share of the smears that followed the best F of that search.")
     E: Matrix | None = geometric("Essential matrix, if the intrinsics are known.")
@@ -168,14 +148,9 @@ class Record:
         """Covariance of the pose: matrix (5x5: rotation vector in radians, direction of the translation along
         two tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
-    wx: float | None = geometric(
-        "Rate about x (right), in rate_unit: the rotation vector of cam2_from_cam1 divided by the exposure "
-        "time."
-    )
+    wx: float | None = geometric("Rate about x (right), in rate_unit: cam2_from_cam1 over the exposure time.")
     wy: float | None = geometric("Rate about y (down). A gyroscope shows the negative.")
-    wz: float | None = geometric(
-        "Rate about z (forwards). The signs of all three rates are open unless time_known."
-    )
+    wz: float | None = geometric("Rate about z (forwards). All three signs are open unless time_known.")
     sigma_wx: float | None = geometric("Standard deviation of wx.")
     sigma_wy: float | None = geometric("Standard deviation of wy.")
     sigma_wz: float | None = geometric("Standard deviation of wz.")
@@ -185,12 +160,8 @@ class Record:
     )
 
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
-    readout_s: float | None = explained(
-        "Readout time in seconds, from --readout; the geometry is that of a global shutter."
-    )
-    time_known: bool = explained(
-        "Whether neighbouring frames decided which end of the exposure came first.", False
-    )
+    readout_s: float | None = explained("Readout time in seconds; geometry is that of a global shutter.")
+    time_known: bool = explained("Whether neighbours decided which end of the exposure came first.", False)
     time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
     mask: dict[str, Any] | None = explained(
         """Motion mask of segment: reason (what motion was measured against), shares (of the pixels that are
@@ -200,19 +171,11 @@ class Record:
     beta: float | None = explained("Value of the option --beta.")
     max_error_px: float | None = explained("Value of the option --max-error.")
     seed: int | None = explained("Value of the option --seed.")
-    threshold: float | None = explained(
-        "Value of the option --threshold of segment, or its default in report; null without a mask."
-    )
+    threshold: float | None = explained("Value of the option --threshold of segment; null without a mask.")
     version: str = explained("Version of blur2view.", "")
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
-    input_sha256: str = explained(
-        "SHA-256 of the file of the photograph or video; of a file over 4 GiB that of its size, start and "
-        "end.",
-        "",
-    )
-    options_sha256: str = explained(
-        "SHA-256 of everything else on which the result depends; --resume compares it.", ""
-    )
+    input_sha256: str = explained("SHA-256 of the file; over 4 GiB that of its size, start and end.", "")
+    options_sha256: str = explained("SHA-256 of all else that the result depends on, for --resume.", "")
     files_sha256: str = explained("SHA-256 of the files that were written with this document.", "")
 
     @property
