@@ -37,7 +37,7 @@ class Shared:
                 number = os.memfd_create("blur2view")
                 weakref.finalize(self, os.close, number)
                 with open(number, "wb", closefd=False) as file:
-                    file.write(content)
+                    file.write(content if isinstance(content, bytes) else content.data)
                 self._where = f"/proc/{os.getpid()}/fd/{number}", self._where[1]
                 self._content = None
 

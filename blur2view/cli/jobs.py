@@ -288,7 +288,11 @@ def _identified(job: Job) -> Job:
         raise job.refusal
     alone = job.source.frame is None and not job.neighbours
     content = job.source.read() if alone and job.content is None else job.content
-    own = _digest_of(job.source.path) if content is None or not alone else hashlib.sha256(content).hexdigest()
+    own = (
+        hashlib.sha256(content).hexdigest()
+        if alone and isinstance(content, bytes)
+        else _digest_of(job.source.path)
+    )
     near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()

@@ -20,6 +20,7 @@ from blur2view.errors import ImageError
 from blur2view.exposure import sequence
 from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, features_of
 from blur2view.images import inputs
+from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.results.record import Record
 from tests.support.calls import Call
@@ -39,10 +40,10 @@ class CountWork:
             raise ImageError(f"{job.source}: fails")
         if job.content == b"die":
             os._exit(9)
-        return Outcome(record=Record(name=job.name), summary=f"{os.getpid()} {len(job.content)}")
+        return Outcome(record=Record(name=job.name), summary=f"{os.getpid()} {len(job.content or b'')}")
 
 
-def nothing(source: Source, content: bytes) -> Features:
+def nothing(source: Source, content: Content) -> Features:
     """Return no features."""
     return NO_FEATURES
 
