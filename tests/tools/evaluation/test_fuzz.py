@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tools.evaluation import fuzz
+from tools.evaluation.odd_inputs import make_inputs
 
 
 @pytest.mark.parametrize(
@@ -39,5 +40,5 @@ def test_what_is_changed_and_what_is_left_is_found(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_no_call_is_rude(tmp_path: Path) -> None:
-    fuzz.make_inputs(tmp_path / "whole")
+    make_inputs(tmp_path / "whole")
     assert not [found for number in range(2) for found in fuzz.try_case(tmp_path, 61, number)[1]]
