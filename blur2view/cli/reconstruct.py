@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
 SHOWN = 3  # frames of each reason without -v
 WRITTEN = """
-images: the chosen frames, or with --all-frames every frame
+images: the chosen frames, or with --all-frames every frame; white space in a name becomes _
 sparse/0: COLMAP's model; each of its images is a file in images
 masks: masks of what moves by itself, if anything does; they are 0 there. NAME.jpg.png is for COLMAP and
     transforms.json, NAME.png for nerfstudio's reader of COLMAP's models, and images/dynamic_mask_NAME.png for

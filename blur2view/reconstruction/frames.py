@@ -1,7 +1,8 @@
 """The frames of a video, and which of them COLMAP gets: the sharpest of each stretch of the camera's way."""
 
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from itertools import chain, count
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 import cv2
@@ -38,7 +39,20 @@ def sources_of(video: Path) -> list[tuple[str, Source]]:
         return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
     if not video.is_dir():
         raise ImageError(f"{video}: is neither a video nor a folder of its frames; name one")
-    return list(zip(inputs.names(), inputs.sources, strict=True))
+    return list(zip(plain_names(inputs.names()), inputs.sources, strict=True))
+
+
+def plain_names(names: Sequence[str]) -> list[str]:
+    """Return names of files that COLMAP's lists and JSON hold: white space and what is not Unicode become _.
+
+    Of names that would be one, the later ones get a number.
+    """
+    found = dict[str, None]()
+    for name in names:
+        plain = PurePath("".join("_" if mark.isspace() or not mark.isprintable() else mark for mark in name))
+        more = (plain.with_name(f"{plain.stem}_{k}{plain.suffix}") for k in count(2))
+        found[next(str(one) for one in chain([plain], more) if str(one) not in found)] = None
+    return list(found)
 
 
 def looked_at(

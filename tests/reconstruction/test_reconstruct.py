@@ -29,7 +29,7 @@ from blur2view.images.image import read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import mapping, masks
-from blur2view.reconstruction.frames import Frame, chosen
+from blur2view.reconstruction.frames import Frame, chosen, plain_names
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.reconstruct import (
@@ -116,6 +116,11 @@ def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
 def test_options_that_smears_do_not_support_are_refused() -> None:
     with pytest.raises(ValueError, match="camera model"):
         ReconstructionOptions(camera_model="OPENCV_FISHEYE")
+
+
+def test_names_that_colmaps_lists_and_json_cannot_hold_are_changed() -> None:
+    names = ["a b/c.png", "a_b/c.png", "a\n1.png", "a\udcff2.png", "ä.png"]
+    assert plain_names(names) == ["a_b/c.png", "a_b/c_2.png", "a_1.png", "a_2.png", "ä.png"]
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
