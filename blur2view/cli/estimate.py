@@ -124,10 +124,9 @@ def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     contents = estimate_contents(file, record) if job.files else []
     if options.kernels:
         contents.insert(0, blur_kernels(file.estimate.grid, file.estimate.blur).to_npz())
-    lines = [verdict_line(record), fit_line(record) + wrote(job, options.endings)]
-    if options.printing.verbose:
-        lines.append(reason_line(record))
-    return Outcome(record=record, summary="\n  ".join(lines), contents=contents)
+    said = (fit_line(record) + wrote(job, options.endings)).removeprefix("; ")
+    lines = [verdict_line(record), said, reason_line(record) if options.printing.verbose else ""]
+    return Outcome(record=record, summary="\n  ".join(filter(None, lines)), contents=contents)
 
 
 def estimate_contents(file: EstimatedFile, record: Record) -> list[bytes]:

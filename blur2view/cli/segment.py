@@ -99,6 +99,7 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     rng = np.random.default_rng(options.estimating.seed)
     mask = segment(file.estimate, file.image, rng, threshold=options.threshold)
     record = file.record(mask, options.threshold)
+    unseen = record.nothing_seen if record.camera_moved is None else ""
     contents = []
     if job.files:
         stored = stored_from_upright(
@@ -110,7 +111,14 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
         if options.blur_map:
             labels = blur_map(file.estimate.grid)
             blurs = [labels, draw_blur_map(file.image, labels)]
-        pictures: list[AnyArray] = [*masks, *blurs, GREY[mask.labels], levels, draw_motion(file.image, mask)]
+        pictures: list[AnyArray] = [
+            *masks,
+            *blurs,
+            GREY[mask.labels],
+            levels,
+            draw_motion(file.image, mask, unseen),
+        ]
         contents = [png(picture) for picture in pictures]
-    summary = f"{printable(job.name)}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, options.endings)}"
+    line = f"{printable(job.name)}: {mask_verdict(mask, unseen)}"
+    summary = f"{line}\n  {mask.reason}{wrote(job, options.endings)}"
     return Outcome(record=record, summary=summary, contents=contents)

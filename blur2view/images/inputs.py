@@ -19,10 +19,11 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.files import is_ours, open_picture, read_regular, read_stream, real_paths
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES, Content, read_content
-from blur2view.images.video import frame_numbers, is_video, read_frame
+from blur2view.images.video import SUFFIXES, frame_numbers, is_video, read_frame
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 DIGITS, MAX_DIGITS = 6, 18  # of a frame's number: as it is written, and bound of what is read
+LOOKED_AT = 1000  # folders below one without photographs; bound
 UNIT_S = {10: 1.0, 13: 1e-3, 16: 1e-6, 19: 1e-9}
 """Seconds of one unit, by the digits of a whole number: s, ms, us and ns since 1970."""
 
@@ -201,7 +202,8 @@ def _sources(
                 yield from _of_video(video, path, frames)
             yield from unread
             if not (photographs or videos or unread):
-                more = "name another folder" if recursive else "add --recursive for its subfolders"
+                deeper = not recursive and _has_photographs_below(path)
+                more = "add --recursive for its subfolders" if deeper else "name another folder"
                 raise ImageError(f"{path}: holds no photograph or video; {more}")
         else:
             yield frame_named(word) or Source(path=path)
@@ -237,6 +239,12 @@ def _listed(folder: Path, recursive: bool) -> tuple[list[Path], list[Path], list
     ]
     photographs = [path for path in photographs if path.suffix.lower() != ".png" or not is_ours(path)]
     return photographs, videos, [_refused(Path(error.filename), error) for error in unread]
+
+
+def _has_photographs_below(folder: Path) -> bool:
+    """Return whether there are photographs or videos below a folder, in the first `LOOKED_AT` ones."""
+    names = (name for _, _, files in islice(os.walk(folder), LOOKED_AT) for name in files)
+    return any(Path(name).suffix.lower() in (*PHOTOGRAPH_SUFFIXES, *SUFFIXES) for name in names)
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:

@@ -77,7 +77,10 @@ def motion_mask(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -
     labels[moves] = MotionLabel.MOVING
     against = "camera that stands still" if still else f"smooth motion of {moving.camera_px:.0f} px (median)"
     return MotionMask(
-        labels=labels, probability=probability, regions=regions, reason=f"measured against a {against}"
+        labels=labels,
+        probability=probability,
+        regions=regions,
+        reason=f"motion is measured against a {against}",
     )
 
 

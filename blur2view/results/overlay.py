@@ -96,22 +96,23 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
         key.append("grey: smears that do not" if fits else "grey: smears")
     if lines.any():
         key.append("white: epipolar lines, rings: epipoles")
-    config = f" (COLMAP: {record.config})" if record.moved() else ""
-    text = f"{fit_line(record)}{config}. {'; '.join(key).capitalize()}"
+    config = f"COLMAP calls it {record.config}" if record.moved() else ""
+    text = ". ".join(filter(None, (fit_line(record), config, "; ".join(key).capitalize())))
     pale = cv2.transform(shown(photograph_of(image)), PALE)
     return captioned(over(pale, lines, smears), record.verdict, text)
 
 
-def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
+def draw_motion(image: AnyArray, mask: MotionMask, unseen: str = "") -> Picture:
     """Return the picture of a motion mask over its photograph (H, W, 3), uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched.
+    ``unseen`` says why the photograph shows nothing, if it does not.
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
     marked = {"pink moves": mask.shares["moving"], "hatched is unobservable": mask.shares["unobservable"]}
     text = "; ".join([*(words for words, share in marked.items() if share), mask.reason])
-    return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask), text)
+    return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask, unseen), text)
 
 
 def draw_blur_map(image: AnyArray, labels: NDArray[np.uint8]) -> Picture:
@@ -136,16 +137,20 @@ def draw_blur_map(image: AnyArray, labels: NDArray[np.uint8]) -> Picture:
     return captioned(blended, "Blur map", "; ".join(named))
 
 
-def mask_verdict(mask: MotionMask) -> str:
-    """Return the shares that move and that are unobservable, as a sentence."""
-    unseen, count = mask.shares["unobservable"], len(mask.regions)
-    if unseen == 1:
+def mask_verdict(mask: MotionMask, unseen: str = "") -> str:
+    """Return the shares that move and that are unobservable, as a sentence; ``unseen`` as `draw_motion`."""
+    hidden, count = mask.shares["unobservable"], len(mask.regions)
+    if unseen and not count:
+        return f"{unseen.capitalize()}: cannot tell what moves"
+    if hidden == 1:
         return "Motion is unobservable everywhere"
     line = "No mover found"
     if count:
         parts = "1 moving part" if count == 1 else f"{count} moving parts"
         line = f"{parts}, {percent(mask.shares['moving'])} of the photograph"
-    return f"{line}; motion is unobservable in {percent(unseen)}" if unseen >= MENTIONED_SHARE else line
+    if unseen:
+        return f"{line}; uncertain, because the photograph is {unseen}"
+    return f"{line}; motion is unobservable in {percent(hidden)}" if hidden >= MENTIONED_SHARE else line
 
 
 def scale_of(shape: tuple[int, ...]) -> float:

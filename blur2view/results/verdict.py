@@ -74,12 +74,10 @@ def verdict(record: Record) -> str:
 
 
 def fit_line(record: Record) -> str:
-    """Return the number of smears that fit, as a sentence."""
+    """Return how many smears the motion explains, as a sentence; empty without a geometry."""
     if not record.has_geometry():
-        return f"{record.num_matches or 0} smears used"
-    line = f"{record.num_inliers} of {record.num_matches} smears fit"
-    both = record.F is not None and record.H is not None
-    return f"{line} F, and a homography explains them as well" if both else line
+        return ""
+    return f"The motion explains {record.num_inliers} of {record.num_matches} smears"
 
 
 def rounded(value: float) -> str:

@@ -20,7 +20,7 @@ MISTAKES = [
     ("estimate a.png --focal 26", "80px for fewer than 100"),
     ("estimate a.png --focal 300 --gyroflow new.gcsv", "a log of rates holds one video"),
     ("estimate a.png --exposure 1/50", "add --focal PX or --camera"),
-    ("estimate empty", "holds no photograph or video; add --recursive for its subfolders"),
+    ("estimate empty", "holds no photograph or video; name another folder"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
     ("estimate a.png -o notes.txt", "notes.txt: is not a folder"),
     ("report a.png -o mine.html", "mine.html: already exists and was not written by blur2view"),

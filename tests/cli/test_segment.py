@@ -103,3 +103,10 @@ def test_blur_map_is_labels_and_a_picture(run: Call, walker: Path, tmp_path: Pat
     assert labels.shape == (HEIGHT, WIDTH) and set(np.unique(labels)) <= set(BlurLabel)
     assert (tmp_path / "out/a.blur-map.png").exists()
     assert run(walker, "--blur-map") == 2
+
+
+def test_a_photograph_that_is_too_dark_is_not_said_to_have_no_mover(run: Call, tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 4, (64, 64, 3), np.uint8)
+    Image.fromarray(noise).save(tmp_path / "dark.png")
+    done = run(tmp_path / "dark.png")
+    assert done == 0 and done.out.startswith("dark.png: Too dark: cannot tell what moves\n")

@@ -49,7 +49,11 @@ def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder:
     assert [one.name for one in found.sources] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     assert not refusals(found) and found.names() == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     (folder / "empty").mkdir()
-    assert "holds no photograph or video; add --recursive" in refusals(listed(folder / "empty"))[0]
+    assert "holds no photograph or video; name another folder" in refusals(listed(folder / "empty"))[0]
+    (folder.parent / "outer").mkdir()
+    (folder.parent / "outer/in").symlink_to(folder)  # not followed, as with --recursive
+    assert "name another folder" in refusals(listed(folder.parent / "outer"))[0]
+    assert "add --recursive for its subfolders" in refusals(listed(folder.parent))[0]
     below = listed(folder, recursive=True)
     assert below.names() == [*found.names(), "sub/a.tif", "sub/deep/b.heic"]
     assert list(map(str, below.result_names()))[3:] == ["sub/a", "sub/deep/b"]
