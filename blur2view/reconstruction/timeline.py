@@ -18,6 +18,7 @@ from blur2view.arrays import Array
 from blur2view.colmap.models import read_model
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import read_regular
+from blur2view.results.page import page
 from blur2view.results.report import data_uri
 
 WIDTH, HEIGHT, MARGIN = 1100, 260, 44
@@ -65,29 +66,15 @@ def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, vers
     rows += "".join(f"<tr><td>{fate}, {FATES[fate]}</td><td>{fates[fate]}</td></tr>" for fate in FATES)
     reasons = Counter(frame.reason for frame in frames if frame.reason)
     rows += "".join(f"<tr><td>refused: {escape(why)}</td><td>{n}</td></tr>" for why, n in reasons.items())
-    policy = (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-    )
-    page = f"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="blur2view {escape(version)}">
-<title>{escape(title)} - blur2view</title>
-<link rel="icon" href="data:,">
-<style>{STYLE}</style>
-<p><b>blur2view</b> scene of {escape(title)}</p>
+    body = f"""<p><b>blur2view</b> scene of {escape(title)}</p>
 <table>{rows}</table>
 <h2>Blur over time</h2>
 {_smears(frames)}
 <h2>The camera's path</h2>
 {_paths(frames, model)}
 <h2>Frames</h2>
-<div class="thumbs">{"".join(_thumbnails(frames, images))}</div>
-</html>
-"""
-    return page.encode("utf-8", "backslashreplace")
+<div class="thumbs">{"".join(_thumbnails(frames, images))}</div>"""
+    return page(title, body, style=STYLE, version=version)
 
 
 def _mark(x: float, y: float, fate: str, colour: str, title: str) -> str:

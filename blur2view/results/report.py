@@ -17,6 +17,7 @@ from blur2view.arrays import AnyArray
 from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import Picture, line_layer, mask_layer, shown, size_of, smear_layer
+from blur2view.results.page import page
 from blur2view.results.record import Record, entries
 
 SIDE_PX, THUMBNAIL_PX = 960, 96  # bounds of the longer side of pictures; the page shows them as large
@@ -96,57 +97,44 @@ def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMas
 def report(photographs: Sequence[tuple[Record, Section | None]], version: str) -> bytes:
     """Return the page, UTF-8, of records with their `section`, None of those that failed.
 
-    Equal records give equal bytes. A Content-Security-Policy forbids the page to load or run anything.
+    Equal records give equal bytes.
     """
     failed, count = sum(bool(record.error) for record, _ in photographs), len(photographs)
     counts = "1 photograph" if count == 1 else f"{count} photographs"
     if failed:
         counts += f", {failed} failed"
-    places, rows, articles = _places([record for record, _ in photographs]), "", ""
+    ranks, rows, articles = _ranks([record for record, _ in photographs]), "", ""
     for k, (record, part) in enumerate(photographs):
-        style = ";".join(f"--{order}:{place[k]}" for order, place in places.items())
+        style = ";".join(f"--{order}:{rank[k]}" for order, rank in ranks.items())
         link = f'<a href="#photo-{k}">{escape(record.name)}</a>' if part else escape(record.name)
         small = f'<img src="{part.thumbnail}" alt="">' if part else ""
         rows += f'<li style="{style}"><span>{small}</span>{link}<b>{escape(record.verdict)}</b></li>\n'
         articles += f'<article id="photo-{k}">\n{part.html}\n</article>' if part else ""
     orders = ""
-    for order in places if count > 1 else ():
+    for order in ranks if count > 1 else ():
         checked = " checked" if order == "name" else ""
         orders += f'<label><input type="radio" name="order" class="{order}"{checked}> {order}</label>'
-    policy = (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-    )
-    page = f"""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="blur2view {escape(version)}">
-<title>{escape(photographs[0][0].name if count == 1 else counts)} - blur2view</title>
-<link rel="icon" href="data:,">
-<style>{STYLE}</style>
-<p><b>blur2view</b> report: {counts}</p>
+    body = f"""<p><b>blur2view</b> report: {counts}</p>
 <p>{f"in the order of {orders}" if orders else ""}</p>
 <ol>{rows}</ol>
-{articles}
-</html>
-"""
-    return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
+{articles}"""
+    title = photographs[0][0].name if count == 1 else counts
+    return page(title, body, style=STYLE, version=version)
 
 
-def _places(records: Sequence[Record]) -> dict[str, list[int]]:
-    """Return the place of each photograph in the orders of the index; those that failed come last."""
+def _ranks(records: Sequence[Record]) -> dict[str, list[int]]:
+    """Return the rank of each photograph in the orders of the index; those that failed come last."""
     keys: dict[str, Callable[[Record], tuple[Any, ...]]] = {
         "name": lambda record: (),  # as they were named
         "smear": lambda record: (-(record.smear_px or 0.0),),
         "verdict": lambda record: (record.verdict,),
     }
-    places = {order: [0] * len(records) for order in keys}
+    ranks = {order: [0] * len(records) for order in keys}
     for order, key in keys.items():
         numbers = sorted(range(len(records)), key=lambda k: (bool(records[k].error), key(records[k])))
-        for place, k in enumerate(numbers):
-            places[order][k] = place
-    return places
+        for rank, k in enumerate(numbers):
+            ranks[order][k] = rank
+    return ranks
 
 
 def _facts(record: Record) -> Iterable[str]:
