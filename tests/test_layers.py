@@ -19,7 +19,7 @@ PACKAGE = ROOT / "blur2view"
 # A row uses only rows above it; within a row nothing is used across rooms.
 ROWS = [
     "__init__ arrays errors",
-    "files",
+    "files processes",
     "camera smears",
     "geometry images",
     "networks",

@@ -1,19 +1,15 @@
-"""What does the work: processes of this machine, which start afresh, or the workers of a Dask cluster."""
+"""What does the work: processes of this machine (`blur2view.processes`) or workers of a Dask cluster."""
 
 import logging
 import os
-import signal
 import threading
 import weakref
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, wait
-from concurrent.futures.process import ProcessPoolExecutor
 from contextlib import suppress
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 
 from blur2view.errors import RunError
@@ -90,30 +86,6 @@ class Restarted:
         while not wait([future], ANSWER_S).done:
             self.alive()
         return future.result()
-
-
-def processes(count: int) -> ProcessPoolExecutor:
-    """Return processes that start afresh: a fork would copy the threads' locks of the libraries.
-
-    They import no module of the current folder, whatever it is called.
-    """
-    os.environ["PYTHONSAFEPATH"] = "1"
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
-
-
-def _begin() -> None:
-    """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    cv2.setNumThreads(1)
-
-
-def _end_with_parent() -> None:
-    """End this process when its parent is killed: nobody would take its results."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def connected(address: str) -> tuple[Any, type[Exception]]:

@@ -15,13 +15,14 @@ from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, TypeVar
 
-from blur2view.cli.executors import Restarted, Shared, as_it_is, connected, processes, wait_for_worker
+from blur2view.cli.executors import Restarted, Shared, as_it_is, connected, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
 from blur2view.exposure.sequence import Features, Matches, Series
 from blur2view.files import quick_digest, write_beside
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
+from blur2view.processes import processes
 from blur2view.results.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents

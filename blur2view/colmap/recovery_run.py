@@ -3,18 +3,13 @@
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import fields
 from hashlib import sha256
-from multiprocessing import get_context, parent_process
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
-from threading import Thread
-from typing import Any
 
-import cv2
 import numpy as np
 
 from blur2view import __version__
@@ -31,9 +26,9 @@ from blur2view.files import (
     write_file,
 )
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
+from blur2view.processes import processes, spawn_context
 
 GENERATOR = "blur2view recover"
-WAIT_S = 0.5  # between looks of a process whether its parent is there
 Result = RecoveredFrame | str
 """A recovered frame, or why it is refused."""
 TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
@@ -112,12 +107,10 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
     if count < 2:
         yield lambda names, poses: map(sequence.try_frame, names)
         return
-    context = get_context("spawn")
-    stop, network = context.Event(), sequence.network
-    given = network.path if isinstance(network, SmearNetwork) else network
-    start = stop, sequence.source, sequence.folder, list(sequence.times), given
-    os.environ["PYTHONSAFEPATH"] = "1"  # they import no module of the current folder
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=start)
+    stop, network = spawn_context().Event(), sequence.network
+    reader = network.path if isinstance(network, SmearNetwork) else network
+    given = sequence.source, sequence.folder, list(sequence.times), reader
+    pool = processes(count, _prepare, given, stop=stop)
     pending: list[Future[Result]] = []
 
     def try_frames(names: Sequence[str], poses: Mapping[str, Array]) -> Iterator[Result]:
@@ -139,26 +132,10 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
 _SEQUENCE: list[FrameSequence] = []  # of a process that was started
 
 
-def _begin(stop: Any, model: Path, frames: Path, names: Sequence[str], network: SmearReader | Path) -> None:
-    """Prepare a process, which uses one thread."""
-    follow_parent(stop)
-    cv2.setNumThreads(1)
+def _prepare(model: Path, frames: Path, names: Sequence[str], network: SmearReader | Path) -> None:
+    """Prepare a process."""
     reader = SmearNetwork(network, threads=1) if isinstance(network, Path) else network
     _SEQUENCE[:] = [FrameSequence(model, frames, names, reader)]
-
-
-def follow_parent(stop: Any) -> None:
-    """Leave Ctrl-C to the parent of this process, and end with it, or when the event ``stop`` is set."""
-    signal(SIGINT, SIG_IGN)
-    Thread(target=_end_with_parent, args=(stop,), daemon=True).start()
-
-
-def _end_with_parent(stop: Any) -> None:
-    """End this process when it is told to, or its parent is gone."""
-    parent = parent_process()
-    while not stop.wait(WAIT_S) and parent is not None and parent.is_alive():
-        pass
-    os._exit(1)
 
 
 def _try_frame(name: str, poses: Mapping[str, Array]) -> Result:

@@ -1,18 +1,16 @@
 """COLMAP's features, matches and model of the chosen frames, made in a folder and repeatable."""
 
-import os
 import sqlite3
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
-from blur2view.colmap.recovery_run import follow_parent
 from blur2view.errors import DatabaseError, RunError
+from blur2view.processes import follow_parent, spawn_context
 
 EXHAUSTIVE = 150  # frames up to which all pairs are matched
 LOOP_STEP = 10  # one in so many frames is matched with all others of these, which finds loops
@@ -28,10 +26,9 @@ def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
     """
     import pycolmap
 
-    context = get_context("spawn")
+    context = spawn_context()
     answers, answer = context.Pipe(duplex=False)
     start = context.Event(), answer, pycolmap.logging.minloglevel, call, given, options
-    os.environ["PYTHONSAFEPATH"] = "1"  # it imports no module of the current folder
     process = context.Process(target=_answer, args=start)
     process.start()
     answer.close()
