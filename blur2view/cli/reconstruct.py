@@ -10,11 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import exposure_s, flag, one_of, option, rare_option, required, whole
 from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.reconstruction.options import (
+    CAMERA_MODELS,
+    DIALECTS,
+    MAPPERS,
+    MIN_FRAMES,
+    ReconstructionOptions,
+)
 
 if TYPE_CHECKING:
     from blur2view.reconstruction.reconstruct import Reconstruction
 
-CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
+DEFAULT = ReconstructionOptions()
 SHOWN = 3  # frames of each reason without -v
 WRITTEN = """
 images: the chosen frames, or with --all-frames every frame; white space in a name becomes _
@@ -49,37 +56,37 @@ class ReconstructOptions:
     output: Path = required(
         "-o, --output DIR: folder for the scene; it is new or empty, or holds the scene of an earlier call"
     )
-    frames: Annotated[int, whole(3)] = option(
+    frames: Annotated[int, whole(MIN_FRAMES)] = option(
         "--frames N: choose at most N frames, the sharpest ones along the camera's path (default: "
         "%(default)s)",
-        300,
+        DEFAULT.frames,
     )
     all_frames: bool = flag("--all-frames: also recover and keep the frames that are not chosen")
     camera: str = option(
         """--camera CAMERA: known camera in COLMAP's form "MODEL WIDTH HEIGHT PARAMS...", for example
         "SIMPLE_RADIAL 640 480 525 320 240 0.05"; COLMAP does not change it (default: COLMAP finds the camera,
         and begins with the focal length of EXIF if there is one)""",
-        "",
+        DEFAULT.camera,
     )
     camera_model: Annotated[str, one_of(*CAMERA_MODELS)] = option(
         """--camera-model MODEL: camera model that COLMAP fits, SIMPLE_RADIAL, SIMPLE_PINHOLE, PINHOLE, RADIAL
         or OPENCV (default: %(default)s); fisheye lenses are not supported""",
-        CAMERA_MODELS[0],
+        DEFAULT.camera_model,
     )
-    mapper: Annotated[str, one_of("incremental", "global")] = rare_option(
-        "--mapper NAME: mapper of COLMAP, incremental or global (default: %(default)s)", "incremental"
+    mapper: Annotated[str, one_of(*MAPPERS)] = rare_option(
+        "--mapper NAME: mapper of COLMAP, incremental or global (default: %(default)s)", DEFAULT.mapper
     )
-    dialect: Annotated[str, one_of("nerfstudio", "instant-ngp")] = option(
+    dialect: Annotated[str, one_of(*DIALECTS)] = option(
         "--dialect NAME: trainer for which transforms.json is written, nerfstudio or instant-ngp (default: "
         "%(default)s)",
-        "nerfstudio",
+        DEFAULT.dialect,
     )
     exposure: Annotated[float, exposure_s] = rare_option(
         """--exposure S: exposure time in seconds; it scales nerfstudio's velocities (default:
         %(default)g)""",
-        1.0,
+        DEFAULT.exposure_s,
     )
-    masks: bool = option("--no-masks: write no masks of what moves by itself, which is faster", True)
+    masks: bool = option("--no-masks: write no masks of what moves by itself, which is faster", DEFAULT.masks)
     jobs: int | None = option("--jobs N: number of processes that recover frames (default: one per core)")
     printing: Printing = Printing()
 
@@ -97,7 +104,7 @@ class ReconstructOptions:
         """Return the exit code, after making the scene."""
         import pycolmap
 
-        from blur2view.reconstruction.reconstruct import ReconstructionOptions, reconstruct
+        from blur2view.reconstruction.reconstruct import reconstruct
 
         pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
         options = ReconstructionOptions(

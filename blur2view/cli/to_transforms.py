@@ -164,7 +164,7 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
         raise OutputError(
             f"{path_of_images}: cannot be named in {target.name}, because it is not UTF-8; rename the folder"
         )
-    content = transforms.content_of(
+    content = transforms.transforms_content(
         model,
         options.model,
         photographs,

@@ -29,7 +29,7 @@ from blur2view.networks.smear_network import SmearReader
 
 WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
 PICTURES_KEPT = 16  # pictures in memory
-NEIGHBOURS = 4  # registered frames, the nearest, whose patches are matched
+MATCHED_NEIGHBOURS = 4  # registered frames, the nearest, whose patches are matched
 NEAR_FRAMES = 12  # frame intervals from a frame to those that predict it
 MIN_POINTS = 30  # that are found in a frame
 MIN_FOUND = 0.1  # share of the points in the picture that are found
@@ -137,7 +137,7 @@ class FrameSequence:
 
     def _recover_one(self, name: str) -> RecoveredFrame:
         """Return a frame with its pose; ImageError with the reason if there is none."""
-        expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
+        expected, near = self.expected(name), self.near(name)[:MATCHED_NEIGHBOURS]
         if expected is None:
             raise ImageError(TOO_FAR)
         view = self.view(name, expected.pose)

@@ -91,7 +91,7 @@ def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
     return float(np.median(np.linalg.norm(ends[1] - ends[0], axis=1)))
 
 
-def content_of(
+def transforms_content(
     model: Any,
     folder: Path,
     photographs: Sequence[Exposed],

@@ -219,10 +219,7 @@ def frame_names(folder: str | os.PathLike[str]) -> list[str]:
     """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
     if not os.path.isdir(folder):
         raise ImageError(f"{folder}: no such folder; name that of the frames")
-    inputs = photographs_in(Path(folder))
-    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
-        raise ImageError(refusals[0])
-    return inputs.names()
+    return photographs_in(Path(folder)).readable().names()
 
 
 def frame_times(names: Sequence[str]) -> list[float]:

@@ -116,6 +116,13 @@ class Inputs:
         """The real paths of the files that are read."""
         return real_paths([*(source.path for source in self.sources), *self.lists])
 
+    def readable(self) -> Self:
+        """Return the same photographs; ImageError if a folder or video among them is refused."""
+        for source in self.sources:
+            if source.refusal:
+                raise ImageError(source.refusal)
+        return self
+
     def names(self) -> list[str]:
         """Return the name of every photograph for COLMAP: its path below the folder that all share.
 

@@ -27,7 +27,7 @@ ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
 LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
 # Weights of neighbouring windows along each axis (24 development scenes: with a normal of 0.5 or of 1 window
 # rho of F is 1.06 and 1.11 times as large).
-NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
+NEIGHBOUR_WEIGHTS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 TEMPER = 0.5  # exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels
 CEPSTRUM_RANGE_PX = 3.0, 40.0  # distances from the origin over which the deviation of a cepstrum is taken
 BATCH = 40  # windows at a time
@@ -98,8 +98,8 @@ def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, F
         peaks[cells] = -_values_at(_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads, BATCH)
-    noise = np.sqrt(_over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
-    summed = _over_neighbours(peaks, NEIGHBOURS)
+    noise = np.sqrt(_over_neighbours(usable.astype(np.float32), NEIGHBOUR_WEIGHTS**2))
+    summed = _over_neighbours(peaks, NEIGHBOUR_WEIGHTS)
     summed /= np.maximum(noise, 1e-3)[..., None]
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
 

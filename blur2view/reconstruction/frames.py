@@ -32,9 +32,7 @@ class Frame(NamedTuple):
 
 def sources_of(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
-    inputs = list_photographs([str(video)], recursive=True)
-    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
-        raise ImageError(refusals[0])
+    inputs = list_photographs([str(video)], recursive=True).readable()
     if is_video(video):
         return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
     if not video.is_dir():

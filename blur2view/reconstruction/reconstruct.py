@@ -19,7 +19,6 @@ from statistics import median
 from typing import Any
 
 from blur2view import __version__
-from blur2view.camera import Camera
 from blur2view.colmap import transforms
 from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.frame_sequence import FrameSequence
@@ -45,13 +44,11 @@ from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.frames import Frame, chosen, looked_at, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
 from blur2view.reconstruction.timeline import Seen, timeline
 
-FRAMES = 300  # that are chosen at most, as by ns-process-data
-CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
-MAPPERS = ("incremental", "global")
 IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
 TRANSFORMS, REPORT, WORK, SMEARS = "transforms.json", "report.html", "work", "smears"
 MAX_MAPPED_PX = 12.0  # of a smear: COLMAP registers longer ones worse than `recover_frames` does
@@ -59,40 +56,6 @@ MIN_SHARP = 0.4  # share of the chosen frames that is sharper; else all are mapp
 MIN_REGISTERED = 0.5  # share of the mapped frames; with fewer they are read anew by `blurred_options`
 Show = Callable[[int, int], None]
 Step = Callable[[str], AbstractContextManager[Show]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReconstructionOptions:
-    """What a scene is made by; equal options and video make equal scenes."""
-
-    frames: int = FRAMES  # that are chosen, at most
-    all_frames: bool = False  # whether the frames that are not chosen are recovered, too
-    camera_model: str = CAMERA_MODELS[0]
-    camera: str = ""  # as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS..."; empty if unknown
-    mapper: str = MAPPERS[0]
-    dialect: str = transforms.NERFSTUDIO
-    exposure_s: float = 1.0  # for nerfstudio's velocities
-    masks: bool = True  # of what moves by itself, where anything does
-
-    def __post_init__(self) -> None:
-        if self.camera_model not in CAMERA_MODELS:
-            raise ValueError(
-                f"the camera model must be one of {', '.join(CAMERA_MODELS)}; smears are straight"
-            )
-        if self.mapper not in MAPPERS or self.dialect not in (transforms.NERFSTUDIO, transforms.INSTANT_NGP):
-            raise ValueError("mapper must be incremental or global, dialect nerfstudio or instant-ngp")
-        if self.frames < 3:
-            raise ValueError(f"a scene needs 3 frames or more, got {self.frames}")
-        if self.camera:
-            Camera.from_string(self.camera)  # which checks it
-
-    @property
-    def for_colmap(self) -> tuple[str, str]:
-        """COLMAP's camera model and parameters, empty if unknown."""
-        if not self.camera:
-            return self.camera_model, ""
-        model, _, _, *parameters = self.camera.split()
-        return model, ",".join(parameters)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,7 +302,7 @@ def _write_transforms(folder: Path, options: ReconstructionOptions, masks: Seque
         exposed = transforms.exposed_images(model, folder / EXPOSURES)
     except DatabaseError:  # no frame is blurred
         exposed = [transforms.Exposed(posed[name], (), None) for name in sorted(posed)]
-    content = transforms.content_of(
+    content = transforms.transforms_content(
         model,
         folder / EXPOSURES,
         exposed,

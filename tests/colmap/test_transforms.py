@@ -49,7 +49,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def content_of(folder: Path, **options: Any) -> dict[str, Any]:
     """Return the content of the file of a model's folder."""
     model = read_model(folder)
-    return transforms.content_of(model, folder, transforms.exposed_images(model, folder), **options)
+    return transforms.transforms_content(model, folder, transforms.exposed_images(model, folder), **options)
 
 
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:

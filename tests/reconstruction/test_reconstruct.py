@@ -31,14 +31,9 @@ from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import mapping, masks
 from blur2view.reconstruction.frames import Frame, chosen, plain_names
 from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
-from blur2view.reconstruction.reconstruct import (
-    Reconstruction,
-    ReconstructionOptions,
-    _map,
-    _write_transforms,
-    reconstruct,
-)
+from blur2view.reconstruction.reconstruct import Reconstruction, _map, _write_transforms, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
 from blur2view.smears.grid import SmearGrid
 from tests.support.blurred_plane import BlurredPlane

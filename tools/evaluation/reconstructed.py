@@ -19,7 +19,8 @@ from blur2view.exposure.trajectory import CameraPath
 from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_picture
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.reconstruct import EXPOSURES, ReconstructionOptions, reconstruct
+from blur2view.reconstruction.options import ReconstructionOptions
+from blur2view.reconstruction.reconstruct import EXPOSURES, reconstruct
 from tools.command import Existing, Target, publish, run, table
 from tools.evaluation.placed import Poses, centre_of, poses_of
 from tools.evaluation.recovered import averaged, missing_of

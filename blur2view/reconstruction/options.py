@@ -1,0 +1,48 @@
+"""What a scene is made by."""
+
+from dataclasses import dataclass
+
+CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
+MAPPERS = ("incremental", "global")
+DIALECTS = ("nerfstudio", "instant-ngp")  # of `colmap.transforms`, those that read images beside the model
+MIN_FRAMES = 3  # of a scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructionOptions:
+    """What a scene is made by; equal options and video make equal scenes.
+
+    ValueError for a camera model with a fisheye's distortion, for another mapper or dialect than are there,
+    and for fewer than three frames; CameraError for a camera that is not one of COLMAP's.
+    """
+
+    frames: int = 300  # that are chosen, at most, as by ns-process-data
+    all_frames: bool = False  # whether the frames that are not chosen are recovered, too
+    camera_model: str = CAMERA_MODELS[0]
+    camera: str = ""  # as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS..."; empty if unknown
+    mapper: str = MAPPERS[0]
+    dialect: str = DIALECTS[0]
+    exposure_s: float = 1.0  # for nerfstudio's velocities
+    masks: bool = True  # of what moves by itself, where anything does
+
+    def __post_init__(self) -> None:
+        if self.camera_model not in CAMERA_MODELS:
+            raise ValueError(
+                f"the camera model must be one of {', '.join(CAMERA_MODELS)}; smears are straight"
+            )
+        if self.mapper not in MAPPERS or self.dialect not in DIALECTS:
+            raise ValueError("mapper must be incremental or global, dialect nerfstudio or instant-ngp")
+        if self.frames < MIN_FRAMES:
+            raise ValueError(f"a scene needs {MIN_FRAMES} frames or more, got {self.frames}")
+        if self.camera:
+            from blur2view.camera import Camera
+
+            Camera.from_string(self.camera)  # which checks it
+
+    @property
+    def for_colmap(self) -> tuple[str, str]:
+        """COLMAP's camera model and parameters, empty if unknown."""
+        if not self.camera:
+            return self.camera_model, ""
+        model, _, _, *parameters = self.camera.split()
+        return model, ",".join(parameters)
