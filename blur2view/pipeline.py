@@ -199,7 +199,7 @@ def segment(
     --------
     >>> import blur2view
     >>> image = blur2view.read_image("models/sample.jpg")
-    >>> mask = blur2view.segment(blur2view.estimate(image), image)
+    >>> mask = blur2view.segment(blur2view.estimate("models/sample.jpg"), image)
     >>> mask.labels.shape
     (540, 960)
     >>> sorted(mask.shares)

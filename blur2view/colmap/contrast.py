@@ -55,12 +55,22 @@ def write_stretched(
     tuple of str
         The names of the photographs that were stretched: those whose greys use less than half of the range.
 
+    References
+    ----------
+    Zuiderveld, Contrast limited adaptive histogram equalization, Graphics Gems IV, 1994.
+
     Raises
     ------
     ImageError
         If a photograph cannot be read, or is dull and RAW, which cannot be written.
     OutputError
         If a file exists, or cannot be written.
+
+    Examples
+    --------
+    >>> from blur2view import write_stretched
+    >>> write_stretched("models", "copies", ["desk.jpg", "sample.jpg"])  # none is dull
+    ()
     """
     frames, folder, stretched = Path(frames), Path(folder), []
     for name in frame_names(frames) if names is None else names:

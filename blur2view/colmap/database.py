@@ -55,6 +55,10 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
     photographs : sequence of ExposureViews
         The views of each photograph, of `views_of`.
 
+    Returns
+    -------
+    None
+
     Raises
     ------
     DatabaseError

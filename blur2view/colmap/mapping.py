@@ -79,7 +79,19 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
 
 
 def global_options() -> Any:
-    """Return options for ``pycolmap.global_mapping`` of a database with linked views."""
+    """Return options for COLMAP's global mapper of a database with linked views.
+
+    Returns
+    -------
+    pycolmap.GlobalPipelineOptions
+        Options of ``pycolmap.global_mapping``: a seed, and a bound of the time of its bundle adjustments.
+
+    Examples
+    --------
+    >>> from blur2view import global_options
+    >>> global_options().random_seed
+    0
+    """
     import pycolmap
 
     options = pycolmap.GlobalPipelineOptions()
@@ -89,11 +101,29 @@ def global_options() -> Any:
 
 
 def blurred_options() -> tuple[Any, Any]:
-    """Return options of ``pycolmap.extract_features`` and ``match_exhaustive`` for blurred photographs.
+    """Return options of COLMAP's features and matches for blurred photographs.
 
     Of RedKitchen's frames with smears of 37 px COLMAP's defaults register none of 11, these 11; with 51 px
     none and 7 of 8. They take about ten seconds for a photograph of 640x480. Under water and in the dark
     give them `write_stretched` copies.
+
+    Returns
+    -------
+    features : pycolmap.FeatureExtractionOptions
+        Options of ``pycolmap.extract_features``: SIFT with affine shapes and domain-size pooling.
+    matching : pycolmap.FeatureMatchingOptions
+        Options of ``pycolmap.match_exhaustive``, which is then guided by the geometry.
+
+    References
+    ----------
+    Dong and Soatto, Domain-size pooling in local descriptors: DSP-SIFT, CVPR 2015.
+
+    Examples
+    --------
+    >>> from blur2view import blurred_options
+    >>> features, matching = blurred_options()
+    >>> features.sift.domain_size_pooling, matching.guided_matching
+    (True, True)
     """
     import pycolmap
 

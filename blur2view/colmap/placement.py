@@ -72,12 +72,25 @@ def place_views(
         Exposure time over frame interval, the median step of these times; by default measured from the
         smears.
 
+    Returns
+    -------
+    Placement
+        The model with the views NAME#open and NAME#close, and what became of every frame.
+
     Raises
     ------
     DatabaseError
         If database or model cannot be read, or no view can be placed.
     ValueError
         If the fraction is not positive.
+
+    Examples
+    --------
+    A project of which ``blur2view to-colmap --db project.db --link --sequence frames`` has linked the
+    frames, and COLMAP's model of these::
+
+        placement = blur2view.place_views("project.db", "model")
+        placement.model.write("with_views")  # as `blur2view place` does
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")

@@ -232,6 +232,15 @@ def camera_of_database(
     ------
     CameraError
         If the database cannot be read, has no such camera, or leaves the choice open.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> estimate = blur2view.estimate("models/sample.jpg")
+    >>> blur2view.write_database("one.db", [blur2view.views_of("sample.jpg", estimate)])
+    >>> camera = blur2view.camera_of_database("one.db", camera_id=1)
+    >>> camera.width, camera.height
+    (960, 540)
     """
     path = Path(path)
     try:

@@ -87,6 +87,11 @@ def recover_frames(
     show
         Gets how many frames are done, of how many.
 
+    Returns
+    -------
+    Recovery
+        The model with the recovered frames, and what became of every frame.
+
     Raises
     ------
     DatabaseError
@@ -95,6 +100,13 @@ def recover_frames(
         If ``notes`` cannot be written, or was not written by an earlier call.
     RunError
         If a process dies, or cannot be started.
+
+    Examples
+    --------
+    >>> from blur2view import recover_frames
+    >>> recovery = recover_frames("model", "frames")  # which lacks one of five frames
+    >>> list(recovery.recovered), recovery.model.num_reg_images()
+    (['f_3.png'], 5)
     """
     names = frame_names(frames) if names is None else names
     sequence = FrameSequence(Path(model), Path(frames), names, network or SmearNetwork())

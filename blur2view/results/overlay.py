@@ -81,7 +81,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
     --------
     >>> import blur2view
     >>> image = blur2view.read_image("models/sample.jpg")
-    >>> overlay = blur2view.draw_overlay(image, blur2view.estimate(image))
+    >>> overlay = blur2view.draw_overlay(image, blur2view.estimate("models/sample.jpg"))
     >>> overlay.shape[1:], overlay.dtype
     ((960, 3), dtype('uint8'))
     """

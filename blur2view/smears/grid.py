@@ -210,6 +210,15 @@ def load_smears(path: str | Path) -> SmearGrid:
     ------
     OutputError
         If the file cannot be read, or holds anything else.
+
+    Examples
+    --------
+    >>> import blur2view
+    >>> from blur2view.cli.commands import main
+    >>> main(["estimate", "models/sample.jpg", "-o", "results", "--quiet"])
+    0
+    >>> blur2view.load_smears("results/sample.smear.npz").shape
+    (540, 960)
     """
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:

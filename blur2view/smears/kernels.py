@@ -72,7 +72,7 @@ def blur_kernels(grid: SmearGrid, blur: Blur) -> BlurKernels:
     Examples
     --------
     >>> import blur2view
-    >>> estimate = blur2view.estimate("models/desk.jpg")
+    >>> estimate = blur2view.estimate("models/sample.jpg")
     >>> kernels = blur2view.blur_kernels(estimate.grid, estimate.blur)
     >>> kernels.cells.shape == (*estimate.grid.cells.shape[:2], *kernels.whole.shape)
     True

@@ -68,11 +68,21 @@ def estimate_two_view(
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
-    The same ``rng``, a generator or a seed, 0 by default, gives the same answer. With a ``camera`` F and H
-    are those of its undistorted pixels, and with known intrinsics E and the pose are added. With its rolling
-    ``shutter`` as well the geometry is the one that a global shutter would have seen. It then differs between
-    the two orders in time: the one with less parallax is returned, the other is its ``reversed()``. If the
-    camera is known to have ``moved``, the model "no motion" is left out.
+    Parameters
+    ----------
+    matches : SmearMatches
+        The smears: of `select_matches`, or ``SmearMatches.from_points`` of matches from elsewhere.
+    options : EstimatorOptions, optional
+        Which smears are inliers.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness or its seed, 0 by default, so that a call repeats exactly.
+    camera : Camera, optional
+        With it F and H are those of its undistorted pixels; with known intrinsics E and the pose are added.
+    shutter : RollingShutter, optional
+        The camera's. The geometry is then the one that a global shutter would have seen. It differs between
+        the two orders in time: the one with less parallax is returned, the other is its ``reversed()``.
+    moved : bool
+        Whether the camera is known to have moved; the model "no motion" is then left out.
 
     Returns
     -------
@@ -87,6 +97,27 @@ def estimate_two_view(
     ------
     ValueError
         If the camera is for pictures of another size, or a shutter is given without known intrinsics.
+
+    References
+    ----------
+    Tran, Forssen and Viksten, Robust fundamental matrix estimation from single image motion blur.
+    Hartley and Zisserman, Multiple view geometry in computer vision, 2003, chapter 11.
+
+    Examples
+    --------
+    Smears of a camera that goes forward meet in the epipole; which end of each came first is not known.
+
+    >>> import numpy as np
+    >>> from blur2view import SmearMatches, estimate_two_view
+    >>> rng = np.random.default_rng(0)
+    >>> points = rng.uniform(-1, 1, (500, 3)) * [3, 2, 2] + [0, 0, 6]
+    >>> first, last = (400 * points[:, :2] / (points[:, 2:] - z) + [320, 240] for z in (0, 0.3))
+    >>> geometry = estimate_two_view(SmearMatches.from_points(first, last, image_size=(640, 480)))
+    >>> print(geometry.parallax)
+    proven
+    >>> epipole = np.linalg.svd(geometry.F)[2][-1]
+    >>> np.round(epipole[:2] / epipole[2]).tolist()
+    [320.0, 240.0]
     """
     require("matches", matches, SmearMatches, "as of select_matches(network.predict(image))")
     if shutter is not None and (camera is None or not camera.known):
