@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -44,6 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
+        if "_ARGCOMPLETE" in os.environ:  # a shell asks how a line may go on
+            from blur2view.cli.completion import complete
+
+            complete(COMMANDS, partial(parser_of, everything=True))
         try:
             options = parse(sys.argv[1:] if arguments is None else arguments)
             code: int = options.execute()

@@ -151,15 +151,18 @@ def dask_address(text: str) -> str:
     return text
 
 
-def one_of(*names: str) -> Callable[[str], str]:
-    """Return a reader of one of these names."""
+class OneOf:
+    """A reader of one of some names."""
 
-    def name(text: str) -> str:
-        if text not in names:
-            raise ArgumentTypeError(f"expected {', '.join(names[:-1])} or {names[-1]}, got {text}")
+    def __init__(self, *names: str) -> None:
+        self.names = names
+
+    def __call__(self, text: str) -> str:
+        """Return the name."""
+        if text not in self.names:
+            names = f"{', '.join(self.names[:-1])} or {self.names[-1]}"
+            raise ArgumentTypeError(f"expected {names}, got {text}")
         return text
-
-    return name
 
 
 READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: float}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import exposure_s, flag, one_of, option, rare_option, required, whole
+from blur2view.cli.parser import OneOf, exposure_s, flag, option, rare_option, required, whole
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.reconstruction.options import (
     CAMERA_MODELS,
@@ -68,15 +68,15 @@ class ReconstructOptions:
         and begins with the focal length of EXIF if there is one)""",
         DEFAULT.camera,
     )
-    camera_model: Annotated[str, one_of(*CAMERA_MODELS)] = option(
+    camera_model: Annotated[str, OneOf(*CAMERA_MODELS)] = option(
         """--camera-model MODEL: camera model that COLMAP fits, SIMPLE_RADIAL, SIMPLE_PINHOLE, PINHOLE, RADIAL
         or OPENCV (default: %(default)s); fisheye lenses are not supported""",
         DEFAULT.camera_model,
     )
-    mapper: Annotated[str, one_of(*MAPPERS)] = rare_option(
+    mapper: Annotated[str, OneOf(*MAPPERS)] = rare_option(
         "--mapper NAME: mapper of COLMAP, incremental or global (default: %(default)s)", DEFAULT.mapper
     )
-    dialect: Annotated[str, one_of(*DIALECTS)] = option(
+    dialect: Annotated[str, OneOf(*DIALECTS)] = option(
         "--dialect NAME: trainer for which transforms.json is written, nerfstudio or instant-ngp (default: "
         "%(default)s)",
         DEFAULT.dialect,

@@ -9,7 +9,7 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Folder
-from blur2view.cli.parser import flag, one_of, option, probability
+from blur2view.cli.parser import OneOf, flag, option, probability
 from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
 from blur2view.cli.terminal import printable
 from blur2view.images.pixels import stored_from_upright
@@ -51,7 +51,7 @@ class SegmentOptions(Command):
         %(default)s); a lower threshold misses less of what moves, and marks more of what stands still""",
         THRESHOLD,
     )
-    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = option("""--masks NAME: also write masks for
+    masks: Annotated[list[str] | None, OneOf(*MaskFormat)] = option("""--masks NAME: also write masks for
         colmap, nerfstudio or instant-ngp into DIR/masks; repeat the option for several programs. COLMAP's
         masks are named NAME.jpg.png and nerfstudio's NAME.png, and both are 0 where pixels are ignored; those
         of instant-ngp are named dynamic_mask_NAME.png, and are 255 there. "blur2view to-transforms

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from blur2view import __version__
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import Length, exposure_s, length, one_of, option, required
+from blur2view.cli.parser import Length, OneOf, exposure_s, length, option, required
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import transforms
@@ -68,7 +68,7 @@ class ToTransformsOptions:
         earlier call is replaced""",
         Path("transforms.json"),
     )
-    dialect: Annotated[str, one_of(*transforms.DIALECTS)] = option(
+    dialect: Annotated[str, OneOf(*transforms.DIALECTS)] = option(
         "--dialect NAME: trainer to write for, instant-ngp, nerfstudio or gsplat (default: %(default)s)",
         transforms.DIALECTS[0],
     )

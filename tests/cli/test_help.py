@@ -15,7 +15,7 @@ from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("place", "reconstruct", "recover", "to-transforms")
-HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap"]
+HEAVY = ["argcomplete", "scipy", "skimage", "onnxruntime", "pycolmap"]
 
 
 def test_options_are_read_on_both_sides_of_photographs_and_wrong_ones_named(
