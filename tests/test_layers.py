@@ -42,7 +42,12 @@ NUMERIC = {"numpy", "scipy", "cv2"}
 ARRAYS_ONLY = {"arrays", "smears", "two_view"}  # geometry states itself as pycolmap's
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
-EXTRAS = {"pillow_heif": "heic", "rawpy": "raw", "distributed": "dask"}  # imported by one function each
+EXTRAS = {
+    "argcomplete": "completion",
+    "pillow_heif": "heic",
+    "rawpy": "raw",
+    "distributed": "dask",
+}  # imported by one function each
 PACKAGE_MAY_USE = (
     NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
 )
