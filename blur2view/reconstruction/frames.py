@@ -18,7 +18,8 @@ from blur2view.images.video import EndOfVideo, is_video, read_frame
 FRAME_DIGITS = 5  # as ns-process-data names frames
 THUMBNAIL_PX = 160  # longer side of what shows how the picture moves
 STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
-FEWEST = 12  # stretches, where there are so many frames
+STRETCHES = 60  # at least, where there are so many frames and the camera moves
+STRETCHES_STILL = 12  # where it hardly does
 
 
 class Frame(NamedTuple):
@@ -93,10 +94,13 @@ def _reduced(grey: AnyArray, side: int) -> AnyArray:
 def chosen(frames: Sequence[Frame], limit: int) -> list[Frame]:
     """Return the sharpest frame of each stretch, ``limit`` at most; a stretch is as far as the picture moves.
 
-    Where it hardly moves, stretches are of as many frames each.
+    Of few frames all are chosen. Where the picture hardly moves, stretches are of as many frames each.
     """
     way = np.cumsum([frame.moved for frame in frames])
-    count = int(np.clip(way[-1] / STRETCH, min(FEWEST, len(frames)), min(limit, len(frames))))
+    fewest = STRETCHES if way[-1] > STRETCH else STRETCHES_STILL
+    count = min(max(int(way[-1] / STRETCH), fewest), limit, len(frames))
+    if count == len(frames):
+        return list(frames)
     even = np.arange(len(frames)) / len(frames)
     along = way / way[-1] if way[-1] > STRETCH else even
     # a share by time, so that no pause is left without frames

@@ -22,7 +22,7 @@ from blur2view import __version__
 from blur2view.colmap import transforms
 from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.frame_sequence import FrameSequence
-from blur2view.colmap.models import ids_of, read_model, write_model
+from blur2view.colmap.models import ids_of, photographs_of, read_model, write_model
 from blur2view.colmap.recovery import recovery_of
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.errors import DatabaseError, ImageError, OutputError
@@ -69,7 +69,7 @@ class Reconstruction:
     registered: tuple[str, ...]  # by COLMAP
     recovered: tuple[str, ...]  # by their blur
     refused: Mapping[str, str]  # the reason
-    other_models: tuple[int, ...]  # frames in each further model, which the scene lacks
+    other_models: tuple[int, ...]  # frames in each further model of COLMAP that the largest one lacks
     smear_px: Mapping[str, float | None]  # of frames that were delivered; None where it is unknown
 
     def median_smear_px(self, names: Sequence[str]) -> float | None:
@@ -276,7 +276,8 @@ def _map(
         raise DatabaseError(f"{folder}: COLMAP makes no model of {len(names)} frames: {why}")
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
-    return {"others": [model.num_reg_images() for model in models[1:]]}
+    largest, *others = (set(photographs_of(model)) for model in models)
+    return {"others": [len(other - largest) for other in others if other - largest]}
 
 
 def _stretched(images: Path, copies: Path, names: Sequence[str]) -> Path:

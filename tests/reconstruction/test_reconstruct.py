@@ -60,6 +60,12 @@ def test_more_is_chosen_where_the_picture_moves_farther() -> None:
     assert half > 25
 
 
+def test_of_few_frames_all_are_chosen_however_they_are_spread() -> None:
+    few = [Frame(f"f_{k}.png", k, 1.0, 0.1 if k >= 20 else 0.001) for k in range(40)]
+    assert chosen(few, 300) == few
+    assert len(chosen(few, 10)) <= 10
+
+
 def test_of_a_camera_that_stands_still_a_few_are_chosen() -> None:
     assert len(chosen(frames_of([1.0] * 100, moved=0.0), 300)) == 12
 
