@@ -3,11 +3,13 @@
 ``python -m tools.evaluation.reconstructed SEQUENCE WORK --out tools/results/reconstructed.md`` reads the
 frames of a sequence that has a ``model``. With ``--wider 1`` or more runs of 5 of every 15 are averages, with
 ``--known-camera`` all ways get the model's camera, with ``--foreign FOLDER`` frames of another scene stand
-for one in three. A scene that is there is gone on with.
+for one in three. With ``--scenes 4`` also so many rendered videos of a hand's shake (`VideoOptions`) are
+measured, whose runs have long exposures. A scene that is there is gone on with.
 """
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -22,20 +24,22 @@ from blur2view.reconstruction import mapping
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.reconstruct import EXPOSURES, reconstruct
 from tools.command import Existing, Target, publish, run, table
-from tools.evaluation.placed import Poses, centre_of, poses_of
-from tools.evaluation.recovered import averaged, missing_of
+from tools.evaluation.placed import Poses, camera_of, centre_of, poses_of
+from tools.evaluation.recovered import SHORT, averaged, missing_of
+from tools.rendering.video import VideoOptions, write_video
 
 RUN, BETWEEN = 5, 10
+RENDERED = VideoOptions(rate=30, share=0.9, frames=60, shake_px=20.0)
 FOREIGN = 3  # one in so many frames is of another scene
 LEAD = """\
 A sequence whose every frame has a pose; runs of 5 of every 15 frames are the mean of 2 *wider* + 1
-consecutive ones in linear light (0: as they are). *COLMAP* has every frame, exhaustive matching, default
-options. *Spline* goes through the frames that COLMAP registers of the sharpest by Laplacian, one of each of
-equal stretches, as many as the scene's COLMAP gets. *Scene* has all frames (`--all-frames`). After a
-similarity that aligns frames with the true ones, errors of rotation are in degrees and of position in steps,
-the median distance of consecutive frames: median / 90 % over frames with a pose, and over those of the runs
-apart. Seconds are of a processor's cores, of the system and child processes, too. *Foreign* frames are of
-another scene: those that got a pose."""
+consecutive ones in linear light (0: as they are); of *rendered* videos they have long exposures, the others
+short ones. *COLMAP* has every frame, exhaustive matching, default options. *Spline* goes through the frames
+that COLMAP registers of the sharpest by Laplacian, one of each of equal stretches, as many as the scene's
+COLMAP gets. *Scene* has all frames (`--all-frames`). After a similarity that aligns frames with the true
+ones, errors of rotation are in degrees and of position in steps, the median distance of consecutive frames:
+median / 90 % over frames with a pose, and over those of the runs apart. Seconds are of a processor's cores,
+of the system and child processes, too. *Foreign* frames are of another scene: those that got a pose."""
 HEAD = (
     "wider | camera | way | frames with a pose | degrees | steps | runs: frames | degrees | steps | CPU s "
     "| foreign"
@@ -132,17 +136,38 @@ def put_among(frames: Path, names: list[str], folder: Path, count: int) -> list[
     return places
 
 
-def measured(
-    source: Path, work: Path, wider: int, known_camera: bool, foreign: Path | None
-) -> list[tuple[str, ...]]:
-    """Return the rows of a sequence; a scene that is there is gone on with."""
+def words_of(camera: pycolmap.Camera) -> str:
+    """Return a camera as COLMAP writes it."""
+    return " ".join(map(str, (camera.model_name, camera.width, camera.height, *camera.params)))
+
+
+def of_sequence(source: Path, frames: Path, wider: int) -> tuple[Poses, str]:
+    """Write a sequence's frames; return their true poses and the camera."""
     model = pycolmap.Reconstruction(source / "model")
     true = dict(sorted(poses_of(model).items()))
-    names, (camera,) = list(true), model.cameras.values()
-    words = camera.model_name, camera.width, camera.height, *camera.params
-    options = ReconstructionOptions(all_frames=True, camera=" ".join(map(str, words)) if known_camera else "")
-    frames, there = work / "frames", (work / "scene" / "report.html").exists()
-    write_frames(source, frames, names, wider)
+    write_frames(source, frames, list(true), wider)
+    return true, words_of(*model.cameras.values())
+
+
+def of_rendering(work: Path, frames: Path, seed: int) -> tuple[Poses, str]:
+    """Render a video whose runs have long exposures; return its frames' true poses and the camera."""
+    paths = write_video(work / "short", seed, replace(RENDERED, share=SHORT))
+    write_video(work / "long", seed, RENDERED)
+    true = {f"f_{k:03d}.png": path.pose(0.0) for k, path in enumerate(paths)}
+    worse = set(missing_of(list(true), RUN, BETWEEN))
+    frames.mkdir(parents=True, exist_ok=True)
+    for name in true:
+        shutil.copyfile(work / ("long" if name in worse else "short") / name, frames / name)
+    return true, words_of(camera_of(RENDERED))
+
+
+def measured(
+    frames: Path, true: Poses, camera: str, case: tuple[str, str], foreign: Path | None = None
+) -> list[tuple[str, ...]]:
+    """Return the rows of frames with true poses; a scene that is there is gone on with."""
+    names, work = list(true), frames.parent
+    options = ReconstructionOptions(all_frames=True, camera=camera)
+    there = (work / "scene" / "report.html").exists()
     others = put_among(frames, names, foreign, 20) if foreign else []
     begun = cpu_s()
     made = reconstruct(frames, work / "scene", options)
@@ -150,7 +175,6 @@ def measured(
     poses = poses_of(pycolmap.Reconstruction(work / "scene" / EXPOSURES))
     got = f"{len([name for name in others if name in poses])} of {len(others)}" if foreign else "-"
     true = {name: pose for name, pose in true.items() if name not in others}
-    case = str(wider), "known" if known_camera else "found"
     rows = [row(case, "scene", poses, true, own_s, got)]
     if not foreign:
         some = sharpest(frames, names, len(made.mapped))
@@ -166,15 +190,22 @@ def main(
     work: Path,
     *,
     wider: list[int] = [0],  # noqa: B006
+    scenes: int = 0,
     known_camera: bool = False,
     foreign: Existing | None = None,
     out: Target | None = None,
 ) -> None:
-    """Measure a sequence, its runs averaged over so many frames before and after."""
-    rows = list[tuple[str, ...]]()
+    """Measure a sequence, its runs averaged over so many frames before and after, and rendered videos."""
+    rows, known = list[tuple[str, ...]](), "known" if known_camera else "found"
     for count in wider:
         folder = work / f"wider_{count}{'_known' * known_camera}{'_foreign' * bool(foreign)}"
-        rows += measured(sequence, folder, count, known_camera, foreign)
+        true, camera = of_sequence(sequence, folder / "frames", count)
+        rows += measured(folder / "frames", true, camera * known_camera, (str(count), known), foreign)
+        publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
+    for seed in range(scenes):
+        folder = work / f"rendered_{seed}{'_known' * known_camera}"
+        true, camera = of_rendering(folder, folder / "frames", seed)
+        rows += measured(folder / "frames", true, camera * known_camera, (f"rendered {seed}", known))
         publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
 
 
