@@ -24,6 +24,7 @@ class ReportOptions(Command):
     Write one HTML file to look at, to send or to archive. It loads nothing from elsewhere. It has an index of
     the photographs and, for each of them, the verdict, the picture with smears, epipolar lines, motion mask
     and uncertainty as layers, and the record, which can be saved as the JSON document of blur2view estimate.
+    Of a video it begins with the smears over time and, where the focal length is known, the turning.
     """
 
     output: Path = option(

@@ -47,7 +47,8 @@ from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
-from blur2view.reconstruction.timeline import Seen, timeline
+from blur2view.reconstruction.timeline import timeline
+from blur2view.results.blur_timeline import Seen
 
 IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
 TRANSFORMS, REPORT, WORK, SMEARS = "transforms.json", "report.html", "work", "smears"

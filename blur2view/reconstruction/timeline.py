@@ -1,14 +1,12 @@
 """The report of a scene: one HTML page with the video's blur over time, the camera's path, the frames.
 
-Marks differ in shape and fill, too, so that the page prints in grey. It loads nothing but the frames that its
-thumbnails link to, and runs nothing.
+It loads nothing but the frames that its thumbnails link to, and runs nothing.
 """
 
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
 from urllib.parse import quote
 
 import cv2
@@ -18,23 +16,15 @@ from blur2view.arrays import Array
 from blur2view.colmap.models import read_model
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import read_regular
+from blur2view.results.blur_timeline import FATES, Seen, mark, smears_over_time
+from blur2view.results.blur_timeline import STYLE as SVG_STYLE
 from blur2view.results.page import page
 from blur2view.results.report import data_uri
 
-WIDTH, HEIGHT, MARGIN = 1100, 260, 44
 THUMBNAIL_PX, THUMBNAILS = 160, 120  # longer side; at most so many, evenly
-KIND_COLOURS = ("#2a6f97", "#c9563c", "#8a8f3c", "#7b5ea7", "#a08060", "#999999")
-FATES = {
-    "registered": "by COLMAP",
-    "recovered": "by its blur",
-    "refused": "has no pose",
-    "left out": "not used",
-}
 STYLE = """
 :root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; }
 body { max-width: 1140px; margin: auto; padding: 12px 20px; background: white; color: black; }
-svg { width: 100%; height: auto; display: block; margin: 8px 0; }
-text { font: 12px system-ui, sans-serif; }
 h2 { font-size: 18px; font-weight: normal; margin: 28px 0 4px; }
 td, th { padding: 1px 16px 1px 0; text-align: left; font-weight: normal; }
 .thumbs { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: 8px; }
@@ -44,18 +34,6 @@ td, th { padding: 1px 16px 1px 0; text-align: left; font-weight: normal; }
 .views { display: grid; grid-template-columns: 1fr 1fr; gap: 16px; }
 @media print { .thumbs a { break-inside: avoid; } }
 """
-
-
-class Seen(NamedTuple):
-    """A frame of the video, as the report shows it."""
-
-    name: str
-    number: int
-    kind: str  # of blur, empty if it was not read
-    smear_px: float | None
-    chosen: bool
-    fate: str  # one of FATES
-    reason: str  # why it is refused
 
 
 def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, version: str) -> bytes:
@@ -69,65 +47,12 @@ def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, vers
     body = f"""<p><b>blur2view</b> scene of {escape(title)}</p>
 <table>{rows}</table>
 <h2>Blur over time</h2>
-{_smears(frames)}
+{smears_over_time(frames)}
 <h2>The camera's path</h2>
 {_paths(frames, model)}
 <h2>Frames</h2>
 <div class="thumbs">{"".join(_thumbnails(frames, images))}</div>"""
-    return page(title, body, style=STYLE, version=version)
-
-
-def _mark(x: float, y: float, fate: str, colour: str, title: str) -> str:
-    """Return a mark: a dot if registered, a ring if recovered, a cross if refused, smaller if left out."""
-    text = f"<title>{escape(title)}</title>"
-    if fate == "registered":
-        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{colour}">{text}</circle>'
-    if fate == "recovered":
-        ring = f'r="4.5" fill="white" stroke="{colour}" stroke-width="2.5"'
-        return f'<circle cx="{x:.1f}" cy="{y:.1f}" {ring}>{text}</circle>'
-    size = 5 if fate == "refused" else 2
-    path = f"M{x - size:.1f} {y - size:.1f}l{2 * size} {2 * size}m0 {-2 * size}l{-2 * size} {2 * size}"
-    return f'<path d="{path}" stroke="{colour}" stroke-width="2" fill="none">{text}</path>'
-
-
-def _smears(frames: Sequence[Seen]) -> str:
-    """Return the picture of smears over the frames' numbers, coloured by the kind of blur."""
-    known = [frame for frame in frames if frame.smear_px is not None]
-    top = max([1.0, *(frame.smear_px or 0.0 for frame in known)])
-    first, last = frames[0].number, max(frames[-1].number, frames[0].number + 1)
-    kinds = list(dict.fromkeys(frame.kind for frame in known))
-    colours = dict(zip(kinds, KIND_COLOURS * (1 + len(kinds) // len(KIND_COLOURS)), strict=False))
-    bottom, parts = HEIGHT - MARGIN, list[str]()
-    for share in (0.0, 0.5, 1.0):
-        y = bottom - share * (bottom - MARGIN)
-        parts.append(f'<path d="M{MARGIN} {y:.1f}H{WIDTH - 10}" stroke="#ccc"/>')
-        parts.append(f'<text x="{MARGIN - 6}" y="{y + 4:.1f}" text-anchor="end">{share * top:.0f} px</text>')
-    for frame in frames:
-        x = MARGIN + 10 + (WIDTH - MARGIN - 30) * (frame.number - first) / (last - first)
-        y = bottom - (frame.smear_px or 0.0) / top * (bottom - MARGIN)
-        if frame.chosen:
-            parts.append(f'<path d="M{x:.1f} {bottom + 3}v7" stroke="black" stroke-width="1.5"/>')
-        title = f"{frame.name}: {frame.kind} {frame.smear_px or 0:.1f} px, {frame.fate} {frame.reason}"
-        if frame.smear_px is not None:
-            parts.append(f'<path d="M{x:.1f} {bottom}V{y:.1f}" stroke="#ddd"/>')
-            parts.append(_mark(x, y, frame.fate, colours[frame.kind], title))
-        elif frame.fate == "left out":
-            parts.append(_mark(x, bottom, frame.fate, "#999", title))
-    parts.append(f'<text x="{MARGIN + 10}" y="{HEIGHT - 12}">frame {first}</text>')
-    parts.append(f'<text x="{WIDTH - 12}" y="{HEIGHT - 12}" text-anchor="end">frame {last}</text>')
-    parts.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">ticks: chosen</text>')
-    legend = ""
-    for place, fate in enumerate(FATES):
-        x = MARGIN + 16 + 120 * place
-        legend += _mark(x, 16, fate, "black", fate) + f'<text x="{x + 10}" y="20">{fate}</text>'
-    for place, kind in enumerate(kinds):
-        x = MARGIN + 16 + 120 * (len(FATES) + place)
-        legend += f'<rect x="{x - 5}" y="10" width="11" height="11" fill="{colours[kind]}"/>'
-        legend += f'<text x="{x + 10}" y="20">{escape(kind)}</text>'
-    label = "Length of smears over frames"
-    return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{label}">{legend}{"".join(parts)}</svg>'
-    )
+    return page(title, body, style=SVG_STYLE + STYLE, version=version)
 
 
 def _paths(frames: Sequence[Seen], folder: Path) -> str:
@@ -168,7 +93,7 @@ def _path(frames: Sequence[Seen], centres: dict[str, Array], axes: Array, label:
             both = "L".join("{:.1f} {:.1f}".format(*place(end)) for end in ends)
             parts.append(f'<path d="M{both}" stroke="black" stroke-width="2.5"/>')
         x, y = place(frame.name).tolist()
-        parts.append(_mark(x, y, frame.fate, "#2a6f97", f"{frame.name}, {frame.fate}"))
+        parts.append(mark(x, y, frame.fate, "#2a6f97", f"{frame.name}, {frame.fate}"))
     text = f'<text x="{edge}" y="{height - 6:.0f}">{label}; lines: both ends of an exposure</text>'
     view = f'viewBox="0 0 {side} {height:.0f}" role="img" aria-label="path {label}"'
     return f"<svg {view}>{''.join(parts)}{text}</svg>"

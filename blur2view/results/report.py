@@ -6,8 +6,11 @@ ones have a line of the index with their reason.
 """
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
+from itertools import groupby
+from posixpath import dirname
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,12 +19,16 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
+from blur2view.results.blur_timeline import STYLE as SVG_STYLE
+from blur2view.results.blur_timeline import Seen, smears_over_time, turning_over_time
 from blur2view.results.overlay import Picture, line_layer, mask_layer, shown, size_of, smear_layer
 from blur2view.results.page import page
 from blur2view.results.record import Record, entries
+from blur2view.results.verdict import turned
 
 SIDE_PX, THUMBNAIL_PX = 960, 96  # bounds of the longer side of pictures; the page shows them as large
 QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP: photographs of 960 pixels have some 15 kB
+MIN_FRAMES = 3  # of a video, whose blur is shown over time
 ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
 LAYERS = {
     "smears": ("smears", "Smears: coloured by direction those that fit the geometry, grey others."),
@@ -115,11 +122,42 @@ def report(photographs: Sequence[tuple[Record, Section | None]], version: str) -
         checked = " checked" if order == "name" else ""
         orders += f'<label><input type="radio" name="order" class="{order}"{checked}> {order}</label>'
     body = f"""<p><b>blur2view</b> report: {counts}</p>
+{"".join(_timelines([record for record, _ in photographs]))}
 <p>{f"in the order of {orders}" if orders else ""}</p>
 <ol>{rows}</ol>
 {articles}"""
     title = photographs[0][0].name if count == 1 else counts
-    return page(title, body, style=STYLE, version=version)
+    return page(title, body, style=SVG_STYLE + STYLE, version=version)
+
+
+def _timelines(records: Sequence[Record]) -> Iterator[str]:
+    """Yield the pictures of each video's blur over time, whose marks link to the frames."""
+    frames = [
+        (k, record) for k, record in enumerate(records) if record.frame is not None and not record.error
+    ]
+    for video, several in groupby(frames, lambda one: dirname(one[1].name)):
+        own = [(_seen(k, record), record) for k, record in several]
+        if len(own) < MIN_FRAMES:
+            continue
+        unit = "rad/s" if own[0][1].exposure_s else "degrees"
+        seen = [frame for frame, _ in own]
+        yield f"<h2>Blur over time: {escape(video)}</h2>{smears_over_time(seen)}"
+        if turning := turning_over_time(seen, unit):
+            yield f"<h2>How the camera turned, with its standard deviation</h2>{turning}"
+
+
+def _seen(place: int, record: Record) -> Seen:
+    """Return a frame for the timeline; it links to its section."""
+    scale = 1.0 if record.exposure_s else math.degrees(1)
+    angle, sigma = turned(record)
+    return Seen(
+        name=record.name,
+        number=record.frame or 0,
+        kind=record.blur,
+        smear_px=record.smear_px,
+        turned=None if record.wx is None else (scale * angle, scale * sigma),
+        link=f"#photo-{place}",
+    )
 
 
 def _ranks(records: Sequence[Record]) -> dict[str, list[int]]:

@@ -133,12 +133,17 @@ def _turned(record: Record) -> str:
     return f"turned {_way(math.cos(angle), math.sin(angle))}"
 
 
-def _turned_by(record: Record) -> str:
-    """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
+def turned(record: Record) -> tuple[float, float]:
+    """Return by how much the camera turned, in the record's unit, and its standard deviation."""
     rates = [record.wx or 0.0, record.wy or 0.0, record.wz or 0.0]
     sigmas = [record.sigma_wx or 0.0, record.sigma_wy or 0.0, record.sigma_wz or 0.0]
     angle = math.hypot(*rates)
-    sigma = math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
+    return angle, math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
+
+
+def _turned_by(record: Record) -> str:
+    """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
+    angle, sigma = turned(record)
     if angle <= sigma:
         return ""
     word, unit, scale = (" at", "rad/s", 1.0) if record.exposure_s else (" by", "degrees", math.degrees(1))

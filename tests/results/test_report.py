@@ -49,6 +49,20 @@ def test_it_says_what_the_record_says(entry: Entry) -> None:
     assert "3 photographs, 1 failed" in page and "b.jpg: is no &lt;picture&gt;" in page
 
 
+@pytest.mark.parametrize(("count", "rate", "pictures"), [(3, 0.01, 2), (3, None, 1), (2, 0.01, 0)])
+def test_of_a_video_it_shows_smears_and_turning_over_time(
+    entry: Entry, count: int, rate: float | None, pictures: int
+) -> None:
+    turning = dict.fromkeys(("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"), rate)
+    one = replace(entry[0], **turning)
+    shown = [(replace(one, name=f"a.mp4/{k:06d}", frame=k), entry[1]) for k in range(count)]
+    page = report([*shown, entry], "1.2").decode()
+    assert page.count("<svg") == pictures
+    assert page.count('<a href="#photo-1"><circle') == pictures
+    degrees = np.degrees(0.01 * 3**0.5)
+    assert (f"a.mp4/000001: {degrees:.3g} +/- " in page) == (pictures == 2)
+
+
 def test_layers_are_pictures_of_one_size_that_checkboxes_show_and_words_explain(entry: Entry) -> None:
     page = report([entry], "1.2").decode()
     layers = re.findall(r'<img class="(\w+)" src="data:image/webp;base64,([^"]+)"', page)
