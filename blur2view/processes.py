@@ -1,35 +1,50 @@
-"""Processes that are started afresh, leave Ctrl-C to their parent, use one thread, and end with it."""
+"""Processes that are started afresh, leave Ctrl-C to their parent, use one thread, and end with it.
+
+What starts them is imported where one is started: an estimate of one photograph starts none.
+"""
 
 import os
+import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context, parent_process
-from multiprocessing.context import SpawnContext
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing.context import SpawnContext
 
 WAIT_S = 0.5  # between looks of a process whether its parent is there, where it may be told to end
 
 
-def spawn_context() -> SpawnContext:
+def is_child() -> bool:
+    """Return whether another process of Python started this one."""
+    library = sys.modules.get("multiprocessing")  # which a child has imported
+    return library is not None and library.parent_process() is not None
+
+
+def spawn_context() -> "SpawnContext":
     """Return how processes are started: a fork would copy the threads' locks of the libraries.
 
     They import no module of the current folder, whatever it is called.
     """
+    from multiprocessing import get_context
+
     os.environ["PYTHONSAFEPATH"] = "1"
     return get_context("spawn")
 
 
 def processes(
     count: int, prepare: Callable[..., None] | None = None, given: tuple[Any, ...] = (), *, stop: Any = None
-) -> ProcessPoolExecutor:
+) -> "ProcessPoolExecutor":
     """Return an executor of processes, each of which is prepared by ``prepare(*given)``.
 
     They end when ``stop`` is set, an event of `spawn_context`, whatever they are doing.
     """
+    from concurrent.futures import ProcessPoolExecutor
+
     return ProcessPoolExecutor(
         count, mp_context=spawn_context(), initializer=_begin, initargs=(stop, prepare, given)
     )
@@ -51,6 +66,8 @@ def follow_parent(stop: Any = None) -> None:
 
 def _end_with_parent(stop: Any) -> None:
     """End this process when it is told to, or its parent is gone: nobody would take its results."""
+    from multiprocessing import parent_process
+
     parent = parent_process()
     if stop is not None:
         while not stop.wait(WAIT_S) and parent is not None and parent.is_alive():

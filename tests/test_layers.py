@@ -164,6 +164,18 @@ def test_import_of_the_package_is_light_and_an_estimate_starts_without_scipy(
     assert done.stdout.strip() == "[]"
 
 
+def test_an_estimate_of_one_photograph_starts_without_what_only_many_need() -> None:
+    many = ["multiprocessing", "concurrent.futures.process", "distributed", "tqdm", "urllib.request", "ssl"]
+    program = (
+        "import sys; from blur2view.cli.commands import main; main(['estimate', 'models/sample.jpg', '-q'])\n"
+        f"print([name for name in {[*many, 'pycolmap', 'scipy', 'skimage', 'html']} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
 def test_public_names_are_where_the_package_says() -> None:
     assert all(getattr(blur2view, name) is not None for name in blur2view.__all__)
     assert len(blur2view.__all__) > 40

@@ -5,8 +5,7 @@ import hashlib
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
@@ -103,7 +102,7 @@ def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, cou
     start: Callable[[], Executor] = partial(processes, count) if count > 1 else partial(ThreadPoolExecutor, 1)
     slots = AHEAD * count if count > 1 else 1
     try:
-        executor = Restarted(start, BrokenProcessPool, Shared if count > 1 else as_it_is)
+        executor = Restarted(start, BrokenExecutor, Shared if count > 1 else as_it_is)
         yield from _in_order(work, jobs, find, look, executor, lambda: slots)
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
@@ -217,7 +216,7 @@ class _Features:
         try:
             return self._executor.result(future)
         except self._executor.lost:
-            with processes(1) as pool, suppress(BrokenProcessPool):
+            with processes(1) as pool, suppress(BrokenExecutor):
                 return pool.submit(_looked, self._look, source, shared).result()
             return None
 
@@ -384,6 +383,6 @@ def _alone(work: Work, job: Job) -> Outcome:
     with processes(1) as pool:
         try:
             return pool.submit(_perform, work, job).result()
-        except BrokenProcessPool:
+        except BrokenExecutor:
             why = "the process that read it died, perhaps of too little memory; resize it"
             return _failed(job.name, ImageError(f"{job.source}: {why}"))

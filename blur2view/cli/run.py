@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from blur2view.movers.mask import MotionMask
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate
+from blur2view.processes import is_child
 from blur2view.results.record import Record, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
@@ -287,7 +287,7 @@ def digest_of(options: Command) -> str:
 @lru_cache(maxsize=1)
 def network_of(estimating: Estimating) -> SmearNetwork:
     """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
-    threads = usable_cores() if parent_process() is None else 1  # on which bytes do not depend
+    threads = 1 if is_child() else usable_cores()  # on which bytes do not depend
     providers = () if estimating.provider is None else (estimating.provider,)
     return SmearNetwork(estimating.model, threads=threads, providers=providers)
 

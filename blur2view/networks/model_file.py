@@ -184,7 +184,9 @@ def _session(content: bytes, threads: int, providers: Sequence[str]) -> Any:
     options = _onnxruntime().SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.use_deterministic_compute = True
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # waiting threads would take cores
+    options.add_session_config_entry(
+        "session.intra_op.allow_spinning", "0"
+    )  # waiting threads would take cores
     options.add_session_config_entry("session.use_env_allocators", "1")
     options.log_severity_level = 4  # fatal errors only: the exception has the rest
     return _onnxruntime().InferenceSession(
