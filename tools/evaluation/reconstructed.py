@@ -3,8 +3,9 @@
 ``python -m tools.evaluation.reconstructed SEQUENCE WORK --out tools/results/reconstructed.md`` reads the
 frames of a sequence that has a ``model``. With ``--wider 1`` or more runs of 5 of every 15 are averages, with
 ``--known-camera`` all ways get the model's camera, with ``--foreign FOLDER`` frames of another scene stand
-for one in three. With ``--scenes 4`` also so many rendered videos of a hand's shake (`VideoOptions`) are
-measured, whose runs have long exposures. A scene that is there is gone on with.
+for one in three. With ``--parts 20 40`` the first, middle and last so many frames are measured by themselves,
+with ``--scenes 4`` so many rendered videos of a hand's shake (`VideoOptions`) whose runs have long exposures.
+A scene that is there is gone on with.
 """
 
 import os
@@ -28,7 +29,7 @@ from tools.evaluation.placed import Poses, camera_of, centre_of, poses_of
 from tools.evaluation.recovered import SHORT, averaged, missing_of
 from tools.rendering.video import VideoOptions, write_video
 
-RUN, BETWEEN = 5, 10
+RUN, BETWEEN, ALL = 5, 10, slice(None)
 RENDERED = VideoOptions(rate=30, share=0.9, frames=60, shake_px=20.0)
 FOREIGN = 3  # one in so many frames is of another scene
 LEAD = """\
@@ -40,6 +41,7 @@ COLMAP gets. *Scene* has all frames (`--all-frames`). After a similarity that al
 ones, errors of rotation are in degrees and of position in steps, the median distance of consecutive frames:
 median / 90 % over frames with a pose, and over those of the runs apart. Seconds are of a processor's cores,
 of the system and child processes, too. *Foreign* frames are of another scene: those that got a pose."""
+PLACES = "first", "middle", "last"
 HEAD = (
     "wider | camera | way | frames with a pose | degrees | steps | runs: frames | degrees | steps | CPU s "
     "| foreign"
@@ -141,10 +143,10 @@ def words_of(camera: pycolmap.Camera) -> str:
     return " ".join(map(str, (camera.model_name, camera.width, camera.height, *camera.params)))
 
 
-def of_sequence(source: Path, frames: Path, wider: int) -> tuple[Poses, str]:
-    """Write a sequence's frames; return their true poses and the camera."""
+def of_sequence(source: Path, frames: Path, wider: int, part: slice = ALL) -> tuple[Poses, str]:
+    """Write a sequence's frames, or a part of them; return their true poses and the camera."""
     model = pycolmap.Reconstruction(source / "model")
-    true = dict(sorted(poses_of(model).items()))
+    true = dict(sorted(poses_of(model).items())[part])
     write_frames(source, frames, list(true), wider)
     return true, words_of(*model.cameras.values())
 
@@ -190,6 +192,7 @@ def main(
     work: Path,
     *,
     wider: list[int] = [0],  # noqa: B006
+    parts: list[int] = [],  # noqa: B006
     scenes: int = 0,
     known_camera: bool = False,
     foreign: Existing | None = None,
@@ -201,6 +204,13 @@ def main(
         folder = work / f"wider_{count}{'_known' * known_camera}{'_foreign' * bool(foreign)}"
         true, camera = of_sequence(sequence, folder / "frames", count)
         rows += measured(folder / "frames", true, camera * known_camera, (str(count), known), foreign)
+        publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
+    every = len(pycolmap.Reconstruction(sequence / "model").images)
+    firsts = [(n, place, share * (every - n) // 2) for n in parts for share, place in enumerate(PLACES)]
+    for count, place, first in firsts:
+        folder = work / f"{place}_{count}{'_known' * known_camera}"
+        true, camera = of_sequence(sequence, folder / "frames", 0, slice(first, first + count))
+        rows += measured(folder / "frames", true, camera * known_camera, (f"0, {place} {count}", known))
         publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
     for seed in range(scenes):
         folder = work / f"rendered_{seed}{'_known' * known_camera}"
