@@ -256,28 +256,42 @@ def _replace(files: Mapping[Path, bytes]) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, *, alone: bool = False) -> Iterator[None]:
     """Keep other calls of blur2view from writing in a folder until the block ends.
 
     The system ends the lock of a killed call. One that takes too long, or a system without such locks, is not
-    waited for: then the later of two writers wins, file by file.
+    waited for: then the later of two writers wins, file by file. A call that works there ``alone``, and
+    writes files as others do, does not begin: OutputError if another one is there.
     """
-    descriptor = None
+    if (real := os.path.realpath(folder)) in _ALONE_IN:
+        yield
+        return
+    descriptor, taken = None, False
     with suppress(ImportError, OSError):
         import fcntl
 
         descriptor = os.open(folder, os.O_RDONLY)
-        for _ in range(round(LOCK_S / PAUSE_S)):
+        for _ in range(round((PAUSE_S if alone else LOCK_S) / PAUSE_S)):
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                taken = False
                 break
             except BlockingIOError:
+                taken = True
                 time.sleep(PAUSE_S)
     try:
+        if alone and taken:
+            raise OutputError(f"{folder}: another call writes there; let it end, or name another folder")
+        _ALONE_IN.update([real] if alone else [])
         yield
     finally:
+        if alone and not taken:
+            _ALONE_IN.discard(real)
         if descriptor is not None:
             os.close(descriptor)
+
+
+_ALONE_IN = set[str]()  # folders in which this process works alone
 
 
 def half_written(path: Path) -> Path:

@@ -128,8 +128,8 @@ class FrameSequence:
         camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
         if (camera.width, camera.height) != (width, height):
             raise ImageError(
-                f"{self.folder / name}: is of {width}x{height} pixels, its camera of "
-                f"{camera.width}x{camera.height}; name the folder that COLMAP read"
+                f"{self.folder / name}: has {width}x{height} pixels, and the model's camera "
+                f"{camera.width}x{camera.height}; name a folder of frames of that size"
             )
         light = linear_light(picture.levels())
         view = View(image=light, grid=self.network.predict(picture.pixels), camera=camera, pose=np.eye(3, 4))

@@ -11,10 +11,12 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
-from blur2view.images.inputs import Source, list_photographs
+from blur2view.images.inputs import Source, list_photographs, png_of
 from blur2view.images.pixels import gradient_energy
-from blur2view.images.video import EndOfVideo, is_video, read_frame
+from blur2view.images.video import EndOfVideo, read_frame
 
+# of photographs; of the others pycolmap 4.2 finds no features in AVIF, JPEG 2000 and WebP
+READ_BY_COLMAP = frozenset([".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff"])
 FRAME_DIGITS = 5  # as ns-process-data names frames
 THUMBNAIL_PX = 160  # longer side of what shows how the picture moves
 STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
@@ -34,11 +36,25 @@ class Frame(NamedTuple):
 def sources_of(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
     inputs = list_photographs([str(video)], recursive=True).readable()
-    if is_video(video):
+    if inputs.one_video:
         return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
     if not video.is_dir():
         raise ImageError(f"{video}: is neither a video nor a folder of its frames; name one")
-    return list(zip(plain_names(inputs.names()), inputs.sources, strict=True))
+    if any(source.frame is not None for source in inputs.sources):
+        raise ImageError(f"{video}: is a folder of videos; name one of them")
+    names = [
+        name if source.path.suffix.lower() in READ_BY_COLMAP else str(PurePath(name).with_suffix(".png"))
+        for name, source in zip(inputs.names(), inputs.sources, strict=True)
+    ]
+    return list(zip(plain_names(names), inputs.sources, strict=True))
+
+
+def content_of(source: Source) -> bytes:
+    """Return a frame's file as COLMAP reads it: of a video, and of what COLMAP does not read, a PNG."""
+    if source.frame is not None or source.path.suffix.lower() in READ_BY_COLMAP:
+        return source.picture()
+    pixels = read_picture(source.path, as_stored=True).pixels
+    return png_of(pixels if pixels.dtype != np.float32 else np.rint(255 * pixels).astype(np.uint8))
 
 
 def plain_names(names: Sequence[str]) -> list[str]:

@@ -30,7 +30,9 @@ from blur2view.files import (
     add_checked_line,
     checked_line,
     checked_lines,
+    locked,
     quick_digest,
+    unwritable,
     writable_folder,
     write_beside,
     write_file,
@@ -42,7 +44,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.frames import Frame, chosen, looked_at, sources_of
+from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -120,7 +122,7 @@ def reconstruct(
     DatabaseError
         If COLMAP makes no model; the message says why.
     OutputError
-        If the folder cannot be used.
+        If the folder cannot be used, or another call makes a scene there.
     ImageError
         If the video cannot be read.
 
@@ -136,6 +138,24 @@ def reconstruct(
         raise OutputError(f"{folder}: lies in the folder of the frames; name another one with -o")
     listed = dict(sources_of(video))
     writable_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    with locked(folder, alone=True):
+        return _made(video, listed, folder, options, network, jobs, step)
+
+
+def _made(
+    video: Path,
+    listed: Mapping[str, Source],
+    folder: Path,
+    options: ReconstructionOptions,
+    network: SmearReader | None,
+    jobs: int | None,
+    step: Step,
+) -> Reconstruction:
+    """Return the scene of the ``listed`` frames, in a folder that no other call changes meanwhile."""
     with step("reading the video"):
         network = network or SmearNetwork()
         scene = Scene(folder, _digest(video, listed, options, network))
@@ -160,7 +180,7 @@ def reconstruct(
             for done, name in enumerate(kept):
                 show(done, len(kept))
                 if not (images / name).is_file():  # one that is there is whole
-                    write_file(images / name, listed[name].picture())
+                    write_file(images / name, content_of(listed[name]))
         return len(kept)
 
     scene.step("images", [f"{IMAGES}/{name}" for name in kept], write_images)

@@ -8,6 +8,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -25,11 +26,12 @@ from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import DatabaseError, ImageError, OutputError, RunError
-from blur2view.images.image import read_picture
+from blur2view.files import locked, write_file
+from blur2view.images.image import read_image, read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import mapping, masks
-from blur2view.reconstruction.frames import Frame, chosen, plain_names
+from blur2view.reconstruction.frames import Frame, chosen, content_of, plain_names, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -122,6 +124,37 @@ def test_options_that_smears_do_not_support_are_refused() -> None:
 def test_names_that_colmaps_lists_and_json_cannot_hold_are_changed() -> None:
     names = ["a b/c.png", "a_b/c.png", "a\n1.png", "a\udcff2.png", "ä.png"]
     assert plain_names(names) == ["a_b/c.png", "a_b/c_2.png", "a_1.png", "a_2.png", "ä.png"]
+
+
+def test_a_scene_that_another_call_makes_is_left_to_it(tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    cv2.imwrite(str(tmp_path / "frames" / "a.png"), PLANE.render(0))
+    (tmp_path / "scene").mkdir()
+    words = [sys.executable, "-m", "blur2view", "reconstruct", str(tmp_path / "frames"), "-o"]
+    with locked(tmp_path / "scene", alone=True):
+        write_file(tmp_path / "scene" / "a", b"written at once")
+        done = subprocess.run([*words, str(tmp_path / "scene")], capture_output=True, text=True)
+    assert done.returncode == 1 and "another call writes there; let it end" in done.stderr
+
+
+def test_frames_that_colmap_does_not_read_become_png(tmp_path: Path) -> None:
+    picture = PLANE.render(0)
+    for name in ("a.webp", "b.PNG", "c.jp2"):
+        Image.fromarray(picture).save(tmp_path / name, lossless=True)
+    found = sources_of(tmp_path)
+    assert [name for name, _ in found] == ["a.png", "b.PNG", "c.png"]
+    first = read_image("a.png", content=content_of(found[0][1]))
+    assert np.array_equal(np.rint(255 * first), picture)
+    assert content_of(found[1][1]) == (tmp_path / "b.PNG").read_bytes()
+
+
+def test_an_animated_gif_is_a_video_and_a_folder_of_videos_is_none(tmp_path: Path) -> None:
+    first, second = (Image.fromarray(PLANE.render(k)) for k in (0, 1))
+    first.save(tmp_path / "a.gif", save_all=True, append_images=[second])
+    shutil.copy(tmp_path / "a.gif", tmp_path / "b.gif")
+    assert [name for name, _ in sources_of(tmp_path / "a.gif")] == ["frame_00000.png", "frame_00001.png"]
+    with pytest.raises(ImageError, match="is a folder of videos; name one of them"):
+        sources_of(tmp_path)
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
