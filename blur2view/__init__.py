@@ -52,8 +52,8 @@ __all__ = ["__version__", *sorted(_MODULE_OF)]
 _IMPORTED = list(sys.modules)  # in order
 if "pycolmap" in _IMPORTED and not {"cv2", "zlib"} & set(_IMPORTED[: _IMPORTED.index("pycolmap")]):
     warnings.warn(
-        "pycolmap was imported before blur2view, so that its zlib takes the place of Python's, and the first "
-        "PNG that is written ends or blocks the process; import blur2view first",
+        "pycolmap was imported before blur2view; its zlib replaces Python's, and the first PNG that is written "
+        "may abort or block the process; import blur2view first",
         RuntimeWarning,
         stacklevel=2,
     )

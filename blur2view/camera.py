@@ -164,7 +164,9 @@ class Camera:
             width, height, params = int(wide), int(high), tuple(map(float, values))
         except ValueError:
             form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
-            raise CameraError(f"camera {text!r}: is neither a database nor of the form {form}") from None
+            raise CameraError(
+                f"camera {text!r}: is neither a database nor a camera of the form {form}"
+            ) from None
         return cls.from_colmap(colmap_camera(model.upper(), width, height, params), "camera string")
 
     @classmethod
@@ -224,7 +226,7 @@ class Camera:
         scale = width / self.width
         if abs(height - scale * self.height) > max(1.0, scale):
             raise CameraError(
-                f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
+                f"camera ({self.source}) is for {self.width}x{self.height} pixels, but the photograph has "
                 f"{width}x{height}: cropped, or turned by EXIF? Give the camera of this picture"
             )
         resized = colmap_camera(self.model, self.width, self.height, self.params)  # not the cached one

@@ -8,7 +8,7 @@ OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
 class Blur2ViewError(Exception):
-    """Something outside the program is wrong; the message says what, where and how to mend it."""
+    """An error that the user can mend; its message says in one line what is wrong, where, and the remedy."""
 
 
 class ImageError(Blur2ViewError):
@@ -37,7 +37,7 @@ class DatabaseError(Blur2ViewError):
 
 @contextmanager
 def within_memory(path: Path) -> Iterator[None]:
-    """Raise what a library says of too little memory, by any type of error, as an ImageError of one line."""
+    """Raise an error of any type that reports too little memory as an ImageError of one line."""
     try:
         yield
     except Exception as error:

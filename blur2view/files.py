@@ -1,4 +1,4 @@
-"""Files that a user names, which may be anything or anybody's, and files that are written."""
+"""Files that a user names, which may hold anything and belong to anybody, and files that are written."""
 
 import errno
 import hashlib
@@ -45,9 +45,10 @@ SIGNATURE_BYTES = 1 << 20  # bound; bytes at the start of a file that are search
 
 
 def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
-    """Open a regular file for reading; OSError of a folder, and of a pipe or device, which may never end.
+    """Open a regular file for reading.
 
-    So may files of /proc, which say that they are empty, and are not.
+    Raises OSError for a folder, and for a pipe or a device, which may never end; so may files of /proc, which
+    state a length of 0 and are not empty.
     """
     try:
         status = os.stat(path)
@@ -64,7 +65,7 @@ def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
 
 
 def read_regular(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
-    """Return a regular file's content; OSError of any other, or of one that has more bytes than ``limit``."""
+    """Return a regular file's content; OSError if it is not one, or if it has more bytes than ``limit``."""
     with open_regular(path) as file:
         return read_stream(file, limit)
 
@@ -361,5 +362,5 @@ def unwritable(folder: Path, error: OSError) -> OutputError:
         return OutputError(f"{folder}: is not a folder; choose another output folder")
     reason = error.strerror or type(error).__name__
     return OutputError(
-        f"{folder}: results cannot be written there ({reason}); make room, or name another folder"
+        f"{folder}: results cannot be written there ({reason}); free some space, or name another folder"
     )

@@ -132,7 +132,7 @@ def estimate(
     image = photograph_of(image)
     height, width = image.shape[:2]
     if remedy := unusable_size(width, height):
-        raise ValueError(f"expected a photograph, got one of {width}x{height} pixels; {remedy}")
+        raise ValueError(f"a photograph of {width}x{height} pixels cannot be used; {remedy}")
     evidence, moving = _seen(image, network, Detail(detail))
     matches, blur = select_matches(evidence.grid, select), evidence.blur
     if blur.kind.of_camera:

@@ -37,7 +37,7 @@ report.html: the video's blur over time, the camera's path, and the frames
 reconstruction.json, work: what is done so far; if a call was ended, the same call goes on from there
 """
 REMEDIES = {
-    "too few points": "it shows little of what its neighbours show; add --all-frames for nearer neighbours",
+    "too few of": "it shows little of what its neighbours show; add --all-frames for nearer neighbours",
     "fewer than two": "it is far from all registered frames; add --all-frames for nearer neighbours",
     "its pose": "look at it in the report; add --all-frames for nearer neighbours",
 }

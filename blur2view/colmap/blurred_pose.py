@@ -1,10 +1,10 @@
-"""The pose of one blurred photograph, by registered neighbours and the points of the model that they see.
+"""The pose of one blurred photograph, from registered neighbours and the points of the model that they see.
 
 A neighbour is warped to the expected pose by the inverse depth of the model's points, and each of the two
-pictures is blurred as the other one is (`blur_matching`): by a rigid motion during the exposure, fit to the
-smears, and a change of its rotation rate. The differences that remain correct this motion, so that the pose
-is that of mid exposure: from there to the blur's centroid it is 0.15 degrees in frames of RedKitchen with
-smears of 52 px.
+pictures gets the blur of the other one (`blur_matching`): a rigid motion during the exposure, which is fitted
+to the smears, with a change of its rotation rate. The differences that remain correct this motion, so that
+the pose is that of mid exposure. The centroid of the blur lies 0.15 degrees from it in frames of RedKitchen
+with smears of 52 px.
 
 A *motion* (9,) is a rotation vector (3,) and a translation (3,) of points times t, and a rotation vector
 (3,), the bend, times t^2, with t from -1/2 at shutter-open to 1/2. Cameras are pycolmap's, of any model:
@@ -193,7 +193,7 @@ def fit_pose(camera: Any, pose: Array, world: Array, pixels: Array, covariance: 
         weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
         normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
         if not np.isfinite(normal).all():  # LAPACK would print of it
-            raise np.linalg.LinAlgError("the points have no projections")
+            raise np.linalg.LinAlgError("no point projects into the picture")
         step = np.linalg.lstsq(normal, np.tensordot(weighted, missed, ((0, 1), (0, 1))), rcond=None)[0]
         pose = changed(pose, step)
         if np.abs(step[:3]).max() < 1e-7:

@@ -76,7 +76,7 @@ def write_stretched(
     for name in frame_names(frames) if names is None else names:
         target = folder / name
         if os.path.lexists(target):
-            raise OutputError(f"{target}: exists; name another folder for the copies")
+            raise OutputError(f"{target}: already exists; name another folder for the copies")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             if _write_if_dull(frames / name, target):
@@ -99,7 +99,10 @@ def _write_if_dull(path: Path, target: Path) -> bool:
         return False
     picture = Image.fromarray(np.asarray(cv2.createCLAHE(CONTRAST_LIMIT, TILES).apply(grey), np.uint8))
     if target.suffix.lower() not in Image.registered_extensions():
-        raise ImageError(f"{path}: is dull, and {target.suffix} cannot be written; develop it to JPEG or PNG")
+        raise ImageError(
+            f"{path}: has little contrast, and its copy cannot be a {target.suffix} file; "
+            f"develop it to JPEG or PNG"
+        )
     picture.save(target, quality=JPEG_QUALITY, exif=open_picture(content).getexif().tobytes())
     return True
 

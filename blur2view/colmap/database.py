@@ -89,13 +89,15 @@ def check_target(path: Path) -> None:
     """Raise DatabaseError if a file holds more than views, or SQLite would apply a log beside it."""
     for log in (Path(f"{os.path.realpath(path)}{suffix}") for suffix in project.LOGS):
         if os.path.lexists(log):
-            why = "of a program that uses it or was killed; close it, or open it once with COLMAP"
+            why = "a log that SQLite would apply; close the program that uses it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
     alone = not os.path.lexists(path)
     with suppress(DatabaseError), project.open_read_only(path) as database:
         alone = database.execute(VIEWS_ALONE).fetchone()[0]
     if not alone:
-        raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
+        raise DatabaseError(
+            f"{path}: already exists; choose another --db, or add to your project with --link"
+        )
 
 
 def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
@@ -159,7 +161,12 @@ def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | D
                 remedy = "leave it out, or choose another --db, without --link"
                 plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; {remedy}"))
             elif name in first_of:
-                plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
+                plan.append(
+                    DatabaseError(
+                        f"{photograph}: is the image {name}, and so is {first_of[name]}; "
+                        f"name only one of them"
+                    )
+                )
             else:
                 first_of[name] = photograph
                 try:
@@ -201,7 +208,9 @@ def write_links(path: Path, photographs: Sequence[ExposureViews], *, backup: boo
         for views in photographs:
             image = _read_image(database, names, views.name) if views.name in names else None
             if image is None or len(image.keypoints) != len(views.points_open):
-                raise ValueError(f"image {views.name} has changed meanwhile; run again")
+                raise ValueError(
+                    f"image {views.name} has changed while blur2view worked; run the command again"
+                )
             placed.append((views, image.camera_id, image.image_id))
         copy = back_up(path) if backup else None
         _put_views(database, placed)

@@ -1,4 +1,4 @@
-"""Where the frames of a video are that COLMAP's model of the others lacks.
+"""The poses of the frames of a video that COLMAP's model of the others lacks.
 
 A spline through the poses of the frames before and after predicts where a frame is, and known frames show how
 far off such a spline is. From there blur-matched patches of registered neighbours give the pose
@@ -45,7 +45,7 @@ KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur
 BEND_ERROR = 0.04  # the same, relative to the bend
 MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 SPLINE_TAIL = 2.0  # factor of a spline's median error: some frames are shaken much farther than most
-TOO_FEW = "too few points of its neighbours are found in it"
+TOO_FEW = "too few of its neighbours' points are found in it"
 NO_FIT = "no motion fits what is found in it"
 TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES} frame intervals, by their numbers"
 
@@ -128,8 +128,8 @@ class FrameSequence:
         camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
         if (camera.width, camera.height) != (width, height):
             raise ImageError(
-                f"{self.folder / name}: has {width}x{height} pixels, and the model's camera "
-                f"{camera.width}x{camera.height}; name a folder of frames of that size"
+                f"{self.folder / name}: has {width}x{height} pixels, but the model's camera "
+                f"{camera.width}x{camera.height}; name a folder of frames with that size"
             )
         light = linear_light(picture.levels())
         view = View(image=light, grid=self.network.predict(picture.pixels), camera=camera, pose=np.eye(3, 4))
@@ -181,12 +181,12 @@ def refusal(found: BlurredPose, expected: Expected) -> str:
     if len(found.numbers) < max(MIN_POINTS, MIN_FOUND * found.tried):
         return TOO_FEW
     if found.residual_px > MAX_RESIDUAL_PX:
-        return "its points are not where the pose has them"
+        return "its points do not lie where its pose projects them"
     change = relative_motion(found.pose, expected.pose)
     turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
     moved = float(np.linalg.norm(change[3:])) / expected.position
     if max(turned, moved) > MAX_DEPARTURE * MEDIAN_OF_THREE:
-        return "its pose is too far off its neighbours' path"
+        return "its pose is too far from its neighbours' path"
     smears = found.smear_motion[:3]
     corrected = float(np.linalg.norm(found.motion[:3] - smears) / (np.linalg.norm(smears) + TINY))
     unsure = len(found.numbers) < SURE_FOUND * found.tried

@@ -1,4 +1,4 @@
-"""COLMAP's models in folders: read by pycolmap, found, written whole, and what project.ini says of them."""
+"""COLMAP's models in folders: found, read and written whole, and what project.ini says about them."""
 
 import os
 import re
@@ -77,7 +77,7 @@ def read_model(folder: Path) -> Any:
 
     if not holds_model(folder):
         remedy = "name the folder with cameras.bin, images.bin and points3D.bin"
-        raise DatabaseError(f"{folder}: holds no model of COLMAP's; {remedy}")
+        raise DatabaseError(f"{folder}: has no COLMAP model; {remedy}")
     try:
         for name in RECORDS:
             if (folder / name).exists():
@@ -132,7 +132,7 @@ def _check_number_of_points(path: Path) -> None:
     stated = [int(found[1]) for line in head if (found := NUMBER_OF_POINTS.match(line))]
     count = sum(bool(line) for line in lines) - len(head)
     if stated and count < stated[0]:
-        raise ValueError(f"{path.name} says {stated[0]} points and holds {count}")
+        raise ValueError(f"{path.name} states {stated[0]} points and has {count}")
 
 
 def find_model(folder: Path, pass_over: Callable[[DatabaseError], None] = lambda error: None) -> Path:
@@ -212,7 +212,7 @@ def refuse_other_model(folder: Path, given: Path) -> None:
     texts = [Path(name).with_suffix(".txt").name for name in RECORDS]
     present = [folder / name for name in (*RECORDS, PROJECT_FILE, *texts) if os.path.lexists(folder / name)]
     if present and not _project(folder).startswith(SIGNATURE):
-        raise OutputError(f"{present[0]}: is not of an earlier call; {remedy}")
+        raise OutputError(f"{present[0]}: was not written by an earlier call; {remedy}")
     for path in present:
         if path.suffix == ".txt" or is_noted(path) is False:
             raise OutputError(f"{path}: has changed since blur2view wrote the model; {remedy}")
@@ -236,7 +236,7 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
     except (OSError, ValueError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise OutputError(
-            f"{folder}: the model cannot be written there ({why}); make room or name another folder"
+            f"{folder}: the model cannot be written there ({why}); free some space, or name another folder"
         ) from None
     finally:
         shutil.rmtree(beside, ignore_errors=True)

@@ -25,9 +25,9 @@ from blur2view.exposure.views import CLOSE, OPEN
 MAX_REPROJECTION_PX = 4.0  # of a point in a view: COLMAP's filter_max_reproj_error
 MAX_TANGENT = 30.0  # of a ray's angle to the axis (bound): beyond, a row or a focal length is damaged
 MIN_SMEAR = 1e-6  # in the same coordinates (bound): a hundredth of a pixel of the longest lens
-UNREGISTERED = "COLMAP did not register them (blur2view recover may), or calls them otherwise"
-NO_NEIGHBOUR = "no frame of the model is next to them by number"
-NO_EXPOSURE = "no frame's smears show how long an exposure is"
+UNREGISTERED = "COLMAP did not register them (blur2view recover may), or they have other names there"
+NO_NEIGHBOUR = "the model has no frame with the next number"
+NO_EXPOSURE = "the smears of no frame show how long an exposure is"
 
 
 class Placement(NamedTuple):
@@ -109,7 +109,7 @@ def place_views(
         ends, used, measured = exposures(frames, path, fraction)
     except np.linalg.LinAlgError:
         remedy = "link them again (blur2view to-colmap --link)"
-        raise DatabaseError(f"{database}: the smears of its views fit no motion; {remedy}") from None
+        raise DatabaseError(f"{database}: no motion explains the smears of its views; {remedy}") from None
     placed, numbers = [], ids_of(Path(database))
     for link, changes in zip(linked, ends, strict=True):
         if np.isfinite(changes).all():

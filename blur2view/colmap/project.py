@@ -43,8 +43,8 @@ LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database (bound)
 LOGS = ("-journal", "-wal")  # endings of SQLite's logs, of changes to be undone or to be done
 FOREIGN = ("not a database", "no such table", "no such column")  # in SQLite's errors on foreign files
 REMEDY = (
-    "close programs that use it; check that it is whole, permissions, room and its image ids; if a program "
-    "was killed that used it, open it once with COLMAP"
+    "close the programs that use it; check its permissions, the free space, and that it is whole; if a "
+    "program that used it was killed, open it once with COLMAP"
 )
 
 
@@ -107,8 +107,8 @@ def check_schema(database: Connection) -> None:
     """Raise ValueError if a database is damaged, has triggers, or is of a newer COLMAP than is known."""
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
-        known = f"version {version}, known up to {NEWEST_KNOWN}"
-        raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
+        known = f"version {version}; versions up to {NEWEST_KNOWN} are known"
+        raise ValueError(f"was written by a newer COLMAP ({known}); update blur2view")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
         raise ValueError(f"is damaged ({damage}); restore a backup")
@@ -119,13 +119,13 @@ def _refuse_views(database: Connection) -> None:
     """Raise ValueError if a table of COLMAP's is a view of SQL, which may never end."""
     for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'view'").fetchall():
         if name.lower() in TABLES:
-            raise ValueError(f"its {name} are a view of SQL, where COLMAP has a table; restore a backup")
+            raise ValueError(f"its {name} are an SQL view, but COLMAP's are a table; restore a backup")
 
 
 def _refuse_triggers(database: Connection) -> None:
     """Raise ValueError if a write may start a trigger, which may change rows of the user's."""
     for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'"):
-        raise ValueError(f"has a trigger of its own, {name}, and COLMAP's has none; remove it from a copy")
+        raise ValueError(f"has the trigger {name}, but COLMAP's databases have none; remove it from a copy")
 
 
 def image_names(database: Connection) -> dict[str, int]:
@@ -172,7 +172,9 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
     blob = b"" if data is None else data
     whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
     if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
+        raise ValueError(
+            f"{what}: its numbers differ in count or type from what the row states; run COLMAP again"
+        )
     with np.errstate(invalid="ignore"):  # of damaged numbers
         return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
@@ -184,7 +186,9 @@ def read_camera(database: Connection, camera_id: int) -> Camera:
     sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
     model, width, height, params = database.execute(sql, (camera_id,)).fetchone()  # of any type
     if not isinstance(params, bytes):
-        raise ValueError(f"camera {camera_id} is damaged, it has no parameters; let COLMAP write it again")
+        raise ValueError(
+            f"camera {camera_id} is damaged, because it has no parameters; let COLMAP write it again"
+        )
     try:
         kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MAX_PARAMETERS].tolist())
@@ -193,7 +197,7 @@ def read_camera(database: Connection, camera_id: int) -> Camera:
     except CameraError as error:
         raise ValueError(str(error)) from None
     except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
-        why = "is of a kind this pycolmap does not know; update pycolmap"
+        why = "has a model that this pycolmap does not know; update pycolmap"
         raise ValueError(f"camera {camera_id} {why}") from None
 
 

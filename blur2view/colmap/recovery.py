@@ -111,7 +111,7 @@ def recover_frames(
     names = frame_names(frames) if names is None else names
     sequence = FrameSequence(Path(model), Path(frames), names, network or SmearNetwork())
     if keep_keypoints and database is None:
-        raise ValueError("keep_keypoints needs the database that has them")
+        raise ValueError("keep_keypoints needs the database with these keypoints")
     known = None if database is None else ids_of(Path(database))
     recover_all(sequence, jobs=jobs, notes=None if notes is None else Notes(Path(notes), sequence), show=show)
     kept = Path(database) if keep_keypoints and database is not None else None

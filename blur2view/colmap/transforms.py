@@ -78,7 +78,7 @@ def exposed_images(model: Any, folder: Path) -> list[Exposed]:
             photographs.append(Exposed(images[name], (), None))
     if not any(photograph.views for photograph in photographs):
         remedy = f"NAME{OPEN} and NAME{CLOSE}; put them there with blur2view place or recover --views"
-        raise DatabaseError(f"{folder}: no photograph has both its views, {remedy}")
+        raise DatabaseError(f"{folder}: no photograph has both of its views, {remedy}")
     return photographs
 
 
@@ -149,7 +149,7 @@ def scaled(camera: Any, size: tuple[int, int] | None) -> Any:
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
     """Return the keys that describe a pycolmap.Camera; DatabaseError if a reader does not know it."""
     if camera.model_name not in (*PLAIN, *FISHEYE):
-        why = f"which this trainer does not know; its are {', '.join((*PLAIN, *FISHEYE))}"
+        why = f"which this trainer does not know; it knows {', '.join((*PLAIN, *FISHEYE))}"
         remedy = "undistort the photographs first with colmap image_undistorter"
         raise DatabaseError(f"{folder}: has a camera {camera.model_name}, {why}; {remedy}")
     kind: dict[str, Any] = {"camera_model": "OPENCV"}

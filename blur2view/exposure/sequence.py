@@ -218,7 +218,7 @@ def in_time(estimated: Estimate, matches: Mapping[int, Matches]) -> Estimate:
 def frame_names(folder: str | os.PathLike[str]) -> list[str]:
     """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
     if not os.path.isdir(folder):
-        raise ImageError(f"{folder}: no such folder; name that of the frames")
+        raise ImageError(f"{folder}: no such folder; name the folder of the frames")
     return photographs_in(Path(folder)).readable().names()
 
 
@@ -312,10 +312,12 @@ def _frames_of(frames: object) -> Iterable[AnyArray]:
     """Return the frames of a video, which may be its file; ValueError of anything else."""
     if isinstance(frames, str | os.PathLike):
         if os.path.isdir(frames):
-            raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")
+            raise ValueError(f"{frames}: is a folder; pass map(blur2view.read_image, paths of its frames)")
         return read_video(frames)
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
-        raise ValueError(f"expected the frames of a video, got {type(frames)}; of one call estimate(image)")
+        raise ValueError(
+            f"expected the frames of a video, got {type(frames)}; for one photograph call estimate(image)"
+        )
     return frames
 
 
@@ -332,13 +334,14 @@ def _in_series(
             if (time := next(times, None)) is None:
                 raise ValueError("there are fewer timestamps than frames")
             if not np.isfinite(time):
-                raise ValueError(f"timestamps_s must be finite seconds, got {time} of frame {number}")
+                raise ValueError(f"timestamps_s must be finite seconds, got {time} for frame {number}")
             current = replace(current, timestamp_s=float(time))
         features[number] = features_of(rgb_of(frame))
         if last is not None:
             if current.grid.size != last.grid.size:
                 raise ValueError(
-                    f"frame {number} has {current.grid.size} pixels, those before {last.grid.size}"
+                    f"frame {number} has {current.grid.size} pixels, but the frames before have "
+                    f"{last.grid.size}"
                 )
             before = [(-1, number - 2)] if number > 1 else []
             yield in_time(last, series.around(number - 1, [*before, (1, number)]))

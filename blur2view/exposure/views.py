@@ -103,7 +103,7 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     ((960, 540), True)
     """
     if estimate.shutter is not None:
-        raise ValueError("views are of the ends as recorded: estimate without a shutter")
+        raise ValueError("views show the ends as they were recorded; call estimate without a shutter")
     matches, geometry, blur = estimate.matches, estimate.geometry, estimate.blur
     points_open, points_close = open_and_close(matches.ends, geometry.second_end_is_open)
     return ExposureViews(

@@ -19,7 +19,7 @@ def explanation(geometry: TwoViewGeometry) -> str:
         parts.append(_support(support))
     parts += _pose(geometry)
     if geometry.one_way:
-        parts.append("the rows of the shutter exclude the other order in time")
+        parts.append("the rolling shutter excludes the other order in time")
     return "; ".join(parts)
 
 
@@ -28,7 +28,7 @@ def _refusal(refusal: Refusal) -> str:
     value, limit = refusal.value, refusal.limit
     match refusal.cause:
         case Cause.FEW_SMEARS:
-            return f"too few smears: {value:.0f} are left, and at least {limit:.0f} are needed"
+            return f"too few smears: {value:.0f} remain, but {limit:.0f} are needed"
         case Cause.SHORT_SMEARS:
             return f"no motion: the median smear is {value:.2f} px long, which is below {limit:.2f} px"
         case Cause.SMALL_PART:
@@ -41,7 +41,7 @@ def _refusal(refusal: Refusal) -> str:
         case Cause.UNCLEAR:
             return f"cannot tell if the camera moved: {refusal.blur}"
         case Cause.NOT_ASKED_FOR:
-            return "the geometry was not asked for"
+            return "no geometry was requested"
     return f"no motion of the camera is seen: {refusal.blur}"
 
 

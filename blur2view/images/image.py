@@ -224,7 +224,7 @@ def _refuse_rare(path: Path, tags: Mapping[int, Any], *, colour: bool) -> None:
     bits = max(tags.get(BITS, (8,)))
     deep = bits > 8 and (tags.get(TONES) == 0 or (colour and tags.get(PLANES) == 2))  # inverted, or in planes
     if bits == 12 or deep or (bits == 8 and 2 in tags.get(SIGNS, ())):
-        raise ImageError(f"{path}: is a TIFF of a rare kind; save it as PNG")
+        raise ImageError(f"{path}: is a TIFF that cannot be read (inverted, or in planes); save it as PNG")
 
 
 def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:

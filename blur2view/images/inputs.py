@@ -279,10 +279,10 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
     try:
         content = read_stream(stdin or BytesIO()) if path is None else read_regular(path)
         if b"\0" in content:
-            raise ValueError("it is not text; name a photograph by its file")
+            raise ValueError("it is not a text file; name a photograph without @")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        remedy = "name a file that holds one name on each line, or pipe them to -"
+        remedy = "name a file that holds one name on each line, or pipe such a list to -"
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
     names = []
     for line in os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).split("\n"):
@@ -343,6 +343,6 @@ def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
     times = []
     for path in paths:
         if (time := timestamp_of(path)) is None:
-            raise ImageError(f"{path}: its name is not a time; name it like 1403636579.763.png")
+            raise ImageError(f"{path}: its name is not a time; rename it, for example to 1403636579.763.png")
         times.append(time)
     return times

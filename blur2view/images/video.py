@@ -43,7 +43,7 @@ def rows_towards(video: Path) -> tuple[int, int]:
 def frame_rate(video: Path) -> float:
     """Return the frames a second that a video states; ImageError if it states none, or cannot be opened."""
     if (rate := float(_opened(video).get(cv2.CAP_PROP_FPS))) <= 0:
-        raise ImageError(f"{video}: does not state its frame rate; name frames by number")
+        raise ImageError(f"{video}: states no frame rate; name frames by their numbers")
     return rate
 
 
@@ -62,7 +62,7 @@ def frame_numbers(
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     if rate <= 0 and any(isinstance(number, float) for number in (first, last)):
-        raise ImageError(f"{video}: does not state its frame rate; name frames by number")
+        raise ImageError(f"{video}: states no frame rate; name frames by their numbers")
     begin, end = (
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)
@@ -70,7 +70,7 @@ def frame_numbers(
     if numbers := range(begin, min(end, count - 1) + 1, every):
         return numbers
     start, time_s = f"{first:g} s" if isinstance(first, float) else first, count / max(rate, 1)
-    raise ImageError(f"{video}: has {count} frames in {time_s:.1f} s, none from {start} to {end}")
+    raise ImageError(f"{video}: has {count} frames in {time_s:.1f} s, but none from {start} to {end}")
 
 
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
@@ -178,7 +178,7 @@ class _Reader:
     def _end(self, number: int) -> ImageError:
         """Return the reason why there is no frame of this number."""
         if number >= self.count:
-            line = f"has {self.count} frames, none of number {number}; name another"
+            line = f"has {self.count} frames, but none with the number {number}; name another one"
             return ImageError(f"{self.video}: {line}")
         line = f"ends after {self.position} of {self.count} frames; copy the video again"
         tail = min(TAIL_S * max(self.rate, 1.0), max(TAIL_SHARE * self.count, 1.0))
@@ -201,10 +201,10 @@ def _opened(video: Path) -> Any:
         name = os.path.abspath(video)  # or FFmpeg takes what is before a colon for a protocol, as tcp:HOST
         name.encode()
     except UnicodeError:  # at which OpenCV ends the process
-        raise ImageError(f"{video}: its name is not UTF-8, which OpenCV needs; rename it") from None
+        raise ImageError(f"{video}: OpenCV cannot open its name, which is not UTF-8; rename it") from None
     os.environ.setdefault(*FILES_ONLY)  # which OpenCV reads whenever it opens a video
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        remedy = "copy it again if it is damaged or cut off, or else convert it to MP4 or name its frames"
+        remedy = "copy it again if it is damaged or cut off, or convert it to MP4, or name its frames"
         raise ImageError(f"{video}: cannot be opened as a video; {remedy}")
     return capture

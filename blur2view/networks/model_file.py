@@ -39,7 +39,8 @@ SMEAR = NetworkFormat(
     version="4",
     inputs=("grey", "cepstra", "scales", "coarser"),
     outputs=("logits", "radii", "kinds", "features"),
-    remedy="export one with tools/training/export.py or leave the model out to use the shipped one",
+    remedy="export a network with tools/training/export.py, or omit the model to use the one that comes with "
+    "blur2view",
 )
 """Of one octave: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C);
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
@@ -146,11 +147,11 @@ class OnnxNetwork:
             raise self.error("is not an ONNX network that can be run") from None
         if idle := [name for name in wanted if name not in self.session.get_providers()]:
             raise ModelError(
-                f"{_short(idle[0])} does not start: its library or device is missing; leave it out"
+                f"{_short(idle[0])} does not start, because its library or device is missing; omit it"
             )
         stated = self.metadata.get("blur2view_format", "none")
         if stated != form.version:
-            raise self.error(f"is not {form.what} of format {form.version}, but of {stated}")
+            raise self.error(f"is not {form.what} of format {form.version}; its format is {stated}")
         self.model_id: str = self.metadata.get("model_id", "unnamed")
 
     def error(self, what: str) -> ModelError:
@@ -169,7 +170,7 @@ class OnnxNetwork:
             height, width = inputs[0].shape[-2:]
             raise self.error(f"cannot be run on {width}x{height} values") from None
         if not all(np.isfinite(output).all() for output in outputs):
-            raise self.error("gives values that are not finite")
+            raise self.error("returns values that are not finite")
         return [output[0] for output in outputs]
 
 

@@ -39,7 +39,7 @@ def sources_of(video: Path) -> list[tuple[str, Source]]:
     if inputs.one_video:
         return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
     if not video.is_dir():
-        raise ImageError(f"{video}: is neither a video nor a folder of its frames; name one")
+        raise ImageError(f"{video}: is neither a video nor a folder with frames of one; name another input")
     if any(source.frame is not None for source in inputs.sources):
         raise ImageError(f"{video}: is a folder of videos; name one of them")
     names = [

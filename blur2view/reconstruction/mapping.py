@@ -144,15 +144,15 @@ def why_no_model(database: Path, way: float) -> str:
     """Return why COLMAP made no model of a database, with a remedy; ``way`` is how far the picture moved."""
     features = [count for (count,) in _rows(database, "SELECT rows FROM keypoints")]
     if not features or np.median(features) < MIN_FEATURES:
-        return "too little texture: half of the frames have fewer than 100 features; light or move nearer"
+        return "half of the frames have fewer than 100 features; use more light, or film things with texture"
     if way < STILL_WAY:
-        return "the camera stood still; move it past the scene, sideways"
+        return "the camera stood still; move it sideways past the scene"
     pairs = [config for (config,) in _rows(database, "SELECT config FROM two_view_geometries WHERE rows > 0")]
     if not pairs:
-        return "no two frames overlap in what is sharp; move more slowly, or add --frames"
+        return "no two frames show the same things sharply; move more slowly, or raise --frames"
     if np.mean(np.isin(pairs, PANORAMIC)) > 0.5:
-        return "the camera only turned, or sees one plane; move it past the scene, sideways"
-    return "no two frames are seen from places far enough apart; move the camera past the scene, sideways"
+        return "the camera only turned, or saw a single plane; move it sideways past the scene"
+    return "no two frames were taken far enough apart; move the camera sideways past the scene"
 
 
 def _rows(database: Path, sql: str) -> list[tuple[Any, ...]]:
@@ -165,4 +165,6 @@ def _rows(database: Path, sql: str) -> list[tuple[Any, ...]]:
     except sqlite3.OperationalError:
         return []
     except sqlite3.DatabaseError as error:
-        raise DatabaseError(f"{database}: is damaged ({error}); remove it, and begin again") from None
+        raise DatabaseError(
+            f"{database}: is damaged ({error}); remove it, and run the command again"
+        ) from None

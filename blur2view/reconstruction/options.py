@@ -28,12 +28,15 @@ class ReconstructionOptions:
     def __post_init__(self) -> None:
         if self.camera_model not in CAMERA_MODELS:
             raise ValueError(
-                f"the camera model must be one of {', '.join(CAMERA_MODELS)}; smears are straight"
+                f"the camera model must be one of {', '.join(CAMERA_MODELS)}, because fisheye lenses are not "
+                f"supported"
             )
         if self.mapper not in MAPPERS or self.dialect not in DIALECTS:
-            raise ValueError("mapper must be incremental or global, dialect nerfstudio or instant-ngp")
+            raise ValueError(
+                "mapper must be incremental or global, and dialect must be nerfstudio or instant-ngp"
+            )
         if self.frames < MIN_FRAMES:
-            raise ValueError(f"a scene needs {MIN_FRAMES} frames or more, got {self.frames}")
+            raise ValueError(f"a scene needs at least {MIN_FRAMES} frames, got {self.frames}")
         if self.camera:
             from blur2view.camera import Camera
 

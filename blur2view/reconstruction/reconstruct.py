@@ -135,7 +135,7 @@ def reconstruct(
     """
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
-        raise OutputError(f"{folder}: lies in the folder of the frames; name another one with -o")
+        raise OutputError(f"{folder}: lies in the folder of the frames; name another folder with -o")
     listed = dict(sources_of(video))
     writable_folder(folder)
     try:
@@ -166,7 +166,7 @@ def _made(
         with step("looking at frames") as show:
             frames = list(looked_at(list(listed.items()), show))
         if len(frames) < 3:
-            raise ImageError(f"{video}: has {len(frames)} frames; a scene needs 3 or more")
+            raise ImageError(f"{video}: has {len(frames)} frames, but a scene needs at least 3")
         best = [frame.name for frame in chosen(frames, options.frames)]
         return {"frames": frames, "chosen": best}
 
@@ -294,7 +294,7 @@ def _map(
             break
     if not models:
         why = mapping.why_no_model(work / "matches_0.db", way)
-        raise DatabaseError(f"{folder}: COLMAP makes no model of {len(names)} frames: {why}")
+        raise DatabaseError(f"{folder}: COLMAP made no model of {len(names)} frames: {why}")
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
     largest, *others = (set(photographs_of(model)) for model in models)

@@ -29,7 +29,7 @@ class Scene:
         state = folder / STATE
         if not state.is_file():
             if folder.exists() and (other := min(os.listdir(folder), default="")):
-                raise OutputError(f"{folder}: holds {other}, and is not a scene; name a new folder with -o")
+                raise OutputError(f"{folder}: holds {other} and is not a scene; name a new folder with -o")
             self.write()
             return
         try:
@@ -41,7 +41,7 @@ class Scene:
             raise OutputError(f"{state}: is damaged; remove the folder, or name a new one with -o") from None
         if not same:
             raise OutputError(
-                f"{folder}: is a scene of another video, or of other options; name a new folder with -o"
+                f"{folder}: has the scene of another video, or of other options; name a new folder with -o"
             )
 
     def step(self, name: str, files: Sequence[str], work: Callable[[], Any]) -> Any:

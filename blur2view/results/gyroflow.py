@@ -28,13 +28,14 @@ def gyroflow_log(records: Iterable[Record], video: str) -> str:
     rates = dict[float, tuple[float | None, ...]]()
     every = list(records)
     if every and not any(frame.moved() or frame.wx is not None for frame in every):
-        raise OutputError("no frame is blurred enough for a rate; choose a part of the video that is blurred")
+        raise OutputError("no frame is blurred enough for a rate; choose a blurred part of the video")
     for frame in every:
         if frame.time_known and frame.exposure_s and frame.timestamp_s is not None and frame.wx is not None:
             rates[frame.timestamp_s] = frame.wx, frame.wy, frame.wz
     if not rates:
         raise OutputError(
-            "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
+            "no frame has a time, a rate and a known order in time; name a video, and add --focal and "
+            "--exposure"
         )
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")

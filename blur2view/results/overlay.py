@@ -91,11 +91,11 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
     lines, smears = line_layer(estimate), smear_layer(estimate)
     fits, key = bool(estimate.geometry.inlier_mask.any()), list[str]()
     if fits:
-        key.append("coloured by direction: smears that fit")
+        key.append("smears that fit are coloured by their direction")
     if smears.any():
         key.append("grey: smears that do not" if fits else "grey: smears")
     if lines.any():
-        key.append("white: epipolar lines, rings: epipoles")
+        key.append("white lines are epipolar lines, and rings are epipoles")
     config = f"COLMAP calls it {record.config}" if record.moved() else ""
     text = ". ".join(filter(None, (fit_line(record), config, "; ".join(key).capitalize())))
     pale = cv2.transform(shown(photograph_of(image)), PALE)

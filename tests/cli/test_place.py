@@ -107,10 +107,10 @@ def test_what_cannot_be_placed_is_one_line(
         return line
 
     database, frames = linked / "project.db", linked / "shots of day 1"
-    assert "no such folder; name that of the frames" in complaint(
+    assert "no such folder; name the folder of the frames" in complaint(
         database, linked / "model", tmp_path / "none"
     )
-    assert "holds no model of COLMAP's; name the folder with cameras.bin" in complaint(
+    assert "has no COLMAP model; name the folder with cameras.bin" in complaint(
         database, tmp_path / "none", frames
     )
     assert "no such database" in complaint(tmp_path / "none.db", linked / "model", frames)

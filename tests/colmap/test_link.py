@@ -150,9 +150,9 @@ SQL_FAULTS = {
 @pytest.mark.parametrize(
     ("fault", "line"),
     [
-        ("params missing", "camera 1 is damaged, it has no parameters; let COLMAP write it again"),
-        ("endless view", "its cameras are a view of SQL, where COLMAP has a table"),
-        ("trigger", "has a trigger of its own, t, .* remove it"),
+        ("params missing", "camera 1 is damaged, because it has no parameters; let COLMAP write it again"),
+        ("endless view", "its cameras are an SQL view, but COLMAP's are a table"),
+        ("trigger", "has the trigger t, .* remove it"),
         ("frames of 64 bits", "its frames are numbered up to 4294967300, the most that COLMAP holds"),
     ],
 )

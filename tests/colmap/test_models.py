@@ -72,7 +72,7 @@ def test_points_in_text_that_were_cut_between_lines_are_refused(model: Path) -> 
     points = model / "text" / "points3D.txt"
     lines = points.read_text().splitlines(keepends=True)
     points.write_text("".join(lines[:-4]))
-    with pytest.raises(DatabaseError, match=r"damaged \(points3D\.txt says 9 points and holds 5\)"):
+    with pytest.raises(DatabaseError, match=r"damaged \(points3D\.txt states 9 points and has 5\)"):
         read_model(model / "text")
     points.write_text("".join(line for line in lines[:-4] if line[0] != "#"))  # of a program without a head
     assert len(read_model(model / "text").points3D) == 5
@@ -111,7 +111,7 @@ def test_a_model_of_an_earlier_call_is_replaced_and_no_other(model: Path, tmp_pa
         refuse_other_model(out, model)
         write_model(read_model(model), out, tmp_path, tmp_path / "walk.db")
     assert [noted(out, key) for key in (PICTURES, DATABASE)] == [tmp_path, tmp_path / "walk.db"]
-    with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
+    with pytest.raises(OutputError, match=r"rigs\.bin: was not written by an earlier call"):
         refuse_other_model(model, out)
     with pytest.raises(OutputError, match="out: would replace the model of this call"):
         refuse_other_model(tmp_path / "model" / ".." / "out", out)
@@ -209,5 +209,5 @@ def test_on_a_full_disk_the_earlier_model_stays(model: Path, tmp_path: Path) -> 
     done = subprocess.run([sys.executable, "-c", FULL, model, out], capture_output=True, text=True)
     lines = done.stdout.splitlines()
     assert len(lines) == 4, done.stderr
-    assert all(line.startswith(f"OutputError {out}: ") and "make room" in line for line in lines), lines
+    assert all(line.startswith(f"OutputError {out}: ") and "free some space" in line for line in lines), lines
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before

@@ -34,7 +34,7 @@ def refused(cause: Cause, value: float = 0.0, limit: float = 0.0, blur: str = ""
 
 F = H = np.eye(3)
 CASES = {
-    "too few smears: 7 are left, and at least 20 are needed": refused(Cause.FEW_SMEARS, 7, 20),
+    "too few smears: 7 remain, but 20 are needed": refused(Cause.FEW_SMEARS, 7, 20),
     "no motion: the median smear is 0.42 px long, which is below 1.00 px": refused(
         Cause.SHORT_SMEARS, 0.42, 1
     ),
@@ -57,7 +57,7 @@ CASES = {
         "PLANAR", F=F, H=H, models=ROWS, few_follow_F=True
     ),
     "parallax is undecided; E was fitted to the known intrinsics; the pose is the mean rotation over all "
-    "directions of translation; the rows of the shutter exclude the other order in time": geometry(
+    "directions of translation; the rolling shutter excludes the other order in time": geometry(
         "PLANAR", F=F, H=H, cam2_from_cam1=TURNED, one_way=True
     ),
 }

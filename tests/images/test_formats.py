@@ -140,5 +140,5 @@ def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_the
         with pytest.raises(EndOfVideo, match=f"ends after 40 of {announced} frames") as caught:
             read_frame(clip, number)
         assert caught.value.whole == whole
-    with pytest.raises(ImageError, match=f"none of number {announced}"):
+    with pytest.raises(ImageError, match=f"none with the number {announced}"):
         read_frame(clip, announced)

@@ -47,7 +47,7 @@ def test_mover_networks_say_what_they_are_and_another_file_is_refused(
 ) -> None:
     assert shipped(form, Execution()).model_id.startswith(form.version.partition("-")[0])
     onnx.save(colour_code_network(), tmp_path / "other.onnx")
-    with pytest.raises(ModelError, match=f"is not a mover network of format {form.version}, but of 4"):
+    with pytest.raises(ModelError, match=f"is not a mover network of format {form.version}; its format is 4"):
         OnnxNetwork(form, tmp_path / "other.onnx")
 
 
@@ -58,7 +58,10 @@ def test_mover_networks_say_what_they_are_and_another_file_is_refused(
         (b"not a network", "not an ONNX network"),
         (colour_code_network().SerializeToString()[:200], "not an ONNX network"),
         (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "not an ONNX network"),
-        (colour_code_network(blur2view_format="5").SerializeToString(), "is not .* of format 4, but of 5"),
+        (
+            colour_code_network(blur2view_format="5").SerializeToString(),
+            "is not .* of format 4; its format is 5",
+        ),
         (colour_code_network(brightness="[").SerializeToString(), "damaged metadata"),
     ],
 )
