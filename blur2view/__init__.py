@@ -52,7 +52,7 @@ __all__ = ["__version__", *sorted(_MODULE_OF)]
 _IMPORTED = list(sys.modules)  # in order
 if "pycolmap" in _IMPORTED and not {"cv2", "zlib"} & set(_IMPORTED[: _IMPORTED.index("pycolmap")]):
     warnings.warn(
-        "pycolmap was imported before blur2view; its zlib replaces Python's, and the first PNG that is written "
+        "pycolmap was imported before blur2view; its zlib replaces Python's, and the first PNG to be written "
         "may abort or block the process; import blur2view first",
         RuntimeWarning,
         stacklevel=2,

@@ -23,14 +23,14 @@ def program() -> int:
     """Return the exit code of the command line in a process of its own, where nobody else prints."""
     try:
         for name in ("stdin", "stdout", "stderr"):
-            if getattr(sys, name) is None:  # closed: the next file opened would take its place
+            if getattr(sys, name) is None:  # closed: the next file that opens would take its place
                 setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-            os.environ.setdefault(name, "1")  # of NumPy, read on import: sums depend on the number of threads
+            os.environ.setdefault(name, "1")  # NumPy reads them on import, and sums depend on them
         os.environ.setdefault("GLOG_logtostderr", "1")  # pycolmap leaves no log files in the temporary folder
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
-        # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led
+        # libpng, libtiff and OpenCV print to 2 without naming a file; our own lines go where 2 led
         sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
         if (limit := address_space_mib()) < LEAST_MIB:
@@ -43,7 +43,7 @@ def program() -> int:
         from blur2view.cli.terminal import INTERRUPTED
 
         code = main()
-        if code == INTERRUPTED:  # a network may run on in its thread, which nobody waits for
+        if code == INTERRUPTED:  # a network may still run in its thread, and nobody waits for it
             for stream in (sys.stdout, sys.stderr):
                 stream.flush()
             os._exit(code)
@@ -51,7 +51,7 @@ def program() -> int:
     except KeyboardInterrupt:  # during an import
         print("blur2view: interrupted", file=sys.stderr)
         return 130
-    except (ImportError, MemoryError) as error:  # likewise, as little memory may do
+    except (ImportError, MemoryError) as error:  # during an import as well; too little memory may cause it
         reason = " ".join(str(error).split()) or "too little memory"
         print(
             f"blur2view: a library cannot be loaded ({reason}); free memory, or install it again",

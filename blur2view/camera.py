@@ -1,4 +1,4 @@
-"""A camera's intrinsics, the rays of pixels, and what EXIF states of them; COLMAP's conventions.
+"""A camera's intrinsics, the rays of its pixels, and what EXIF states about them; COLMAP's conventions.
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, blur2view puts (0, 0) there: pixels of cameras
 pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`.
@@ -17,16 +17,16 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.errors import CameraError
 
 HALF_PIXEL = 0.5
-MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
+MAX_SIDE = 1 << 20  # pixels; far above, COLMAP's own numbers overflow
 FOCAL_PX = (0.1, 1e7)  # bounds of focal lengths; a telescope of 10 m before pixels of 2 um has 5e6
 FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
-NO_RAYS = ("INVALID", "EQUIRECTANGULAR")  # models of pycolmap that are refused: without rays in a plane
+NO_RAYS = ("INVALID", "EQUIRECTANGULAR")  # models of pycolmap whose rays do not meet a plane
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
-EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF (bound): rounded millimetres, cropped pictures
+EXIF_LOG_FOCAL = 0.1  # standard deviation of EXIF's log focal length (bound): rounded, or of cropped pictures
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
 
 
@@ -259,7 +259,7 @@ def possible_focal(focal_px: float) -> bool:
 
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
     """Return a pycolmap.Camera; CameraError if the model is unknown or a value is impossible."""
-    import pycolmap  # 0.7 s, so only where a camera has more than a focal length
+    import pycolmap  # slow to import, and needed only where a camera has more than a focal length
 
     known = [name for name in pycolmap.CameraModelId.__members__ if name not in NO_RAYS]
     made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
@@ -283,7 +283,7 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
 
 def normalised_points(camera: Any, points: Array) -> Array:
     """Return rays x/z, y/z (N, 2) of pixels (N, 2), (0, 0) at the first centre; NaN where there is none."""
-    # a point list comes back with NaN where a single point gives None
+    # for a list of points pycolmap returns NaN where it returns None for a single point
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
 
 
@@ -292,7 +292,7 @@ class ExifValues:
     """Values of EXIF; None where there is no usable one."""
 
     focal_px: float | None = None  # of the photograph as it is stored, good to a few per cent
-    focal_tags: str = ""  # the tags that it follows from
+    focal_tags: str = ""  # the tags from which it is computed
     exposure_s: float | None = None
     # direction in the upright picture in which the sensor's rows follow each other, by its orientation
     rows_towards: tuple[int, int] = (0, 1)

@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line, by default with the process's arguments; return one of the `EXIT_CODES`."""
     options: Any = None
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold any bytes
     try:
         if "_ARGCOMPLETE" in os.environ:  # a shell asks how a line may go on
             from blur2view.cli.completion import complete
@@ -52,10 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             options = parse(sys.argv[1:] if arguments is None else arguments)
             code: int = options.execute()
-        except SystemExit as end:  # of argparse, after a help or wrong usage
+        except SystemExit as end:  # argparse ends after help or wrong usage
             code = int(end.code or 0)
         if sys.stdout is not None:  # None if the process was started without one
-            sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
+            sys.stdout.flush()  # a failure is caught here; at exit, Python would print a traceback
         return code
     except Blur2ViewError as error:
         complain(error)
@@ -65,9 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
     except OSError as error:
-        if error.filename is None:  # stdout: what is left of it goes nowhere
+        if error.filename is None:  # the error is of stdout: the rest of it goes nowhere
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
+        if isinstance(error, BrokenPipeError):  # its reader, for example head, has closed the pipe
             return UNREAD
         name = error.filename or "what is printed, or the current folder"
         why = f"cannot be used ({error.strerror}); check the path and its permissions"

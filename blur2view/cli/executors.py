@@ -15,7 +15,7 @@ import numpy as np
 from blur2view.errors import RunError
 from blur2view.images.image import Content
 
-CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
+CONNECT_S, WORKERS_S = 5, 10  # seconds to wait for a scheduler's answer, and then for a worker (bounds)
 ANSWER_S = 2.0  # between looks whether the workers of a cluster are there
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 """Loggers of Dask that are silenced: its errors are printed as lines of blur2view."""
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 class Shared:
-    """A content in memory that processes of this machine read, so that no pipe copies it, where one can."""
+    """The content of a file in memory, which other processes read without a pipe if the system allows it."""
 
     def __init__(self, content: Content) -> None:
         self._content: Content | None = content
@@ -56,7 +56,7 @@ def as_it_is(content: Content) -> Content:
 
 
 class Restarted:
-    """An executor that is started anew where its processes are lost.
+    """An executor that is started again after its processes are lost.
 
     A process dies of too little memory, or of a damaged file that crashes a decoder; with it the jobs in hand
     are ``lost``. ``share`` makes of a content what goes to a process; ``alive`` raises an error if nobody is
@@ -113,14 +113,18 @@ def connected(address: str) -> tuple[Any, type[Exception]]:
         client = answer.result(CONNECT_S)
     except (OSError, TimeoutError) as error:
         reason = str(error) or f"in {CONNECT_S} s"
-        raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
+        raise RunError(
+            f"{address}: no Dask scheduler answers ({reason}); check the address, or start a dask scheduler"
+        ) from None
     wait_for_worker(client, address)
     return client, distributed.scheduler.KilledWorker
 
 
 def wait_for_worker(client: Any, address: str) -> None:
-    """Wait until a scheduler has a worker; RunError if none comes."""
+    """Wait until a scheduler has a worker; raises RunError if none comes."""
     try:
         client.wait_for_workers(1, timeout=WORKERS_S)
     except TimeoutError:
-        raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
+        raise RunError(
+            f"{address}: the Dask scheduler has no worker; start one with: dask worker {address}"
+        ) from None

@@ -1,4 +1,4 @@
-"""Jobs, a photograph each, and what does them: this process, several, or the workers of a Dask cluster."""
+"""Jobs, one for each photograph, which one process, several processes or a Dask cluster does."""
 
 import errno
 import hashlib
@@ -27,22 +27,22 @@ from blur2view.results.record import Record
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 READ_AHEAD = 2  # bound; jobs that are read before they are begun
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
-"""Errors after which the next photograph's files would not fit either."""
+"""Errors after which the files of the next photograph could not be written either."""
 T = TypeVar("T")
 Neighbours = tuple[tuple[int, Source], ...]
-"""Photographs before (-1) and after (1) one in time, which help to decide the order of its ends."""
+"""The photographs before (-1) and after (1) a photograph, which help to decide the order of its ends."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """One photograph, as it goes to the process that works on it."""
+    """The job for one photograph, as the process gets it that works on it."""
 
     source: Source
     name: str = ""  # in tables and databases
-    files: tuple[Path, ...] = ()  # where its results go, in the order of writing, its JSON last
+    files: tuple[Path, ...] = ()  # files of its results, in the order of writing, its JSON last
     neighbours: Neighbours = ()
-    refusal: Blur2ViewError | None = None  # why it cannot be begun
-    plan: Any = None  # what its command knows of it beforehand
+    refusal: Blur2ViewError | None = None  # why the job cannot begin
+    plan: Any = None  # what its command already knows about it
     content: Content | None = None  # of its file, or a frame's pixels
     beside: Mapping[Source, Content] = field(default_factory=dict)  # contents of itself and its neighbours
     matches: Mapping[int, Matches] = field(default_factory=dict)  # with its neighbours, by steps in time
@@ -53,17 +53,17 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What comes of one photograph."""
+    """The result of the job for one photograph."""
 
     record: Record
     summary: str = ""  # what is printed; its first line stands for the photograph where there are many
     contents: Sequence[bytes] = ()  # of the job's files but the last, which is the record
-    part: Any = None  # of what its command makes of all photographs
-    skipped: bool = False  # whether an earlier call did it
+    part: Any = None  # for what the command makes of all photographs
+    skipped: bool = False  # whether an earlier call did the job
 
     @property
     def error(self) -> str:
-        """Why it failed, one line; empty if it is done."""
+        """Why the job failed, in one line; empty if it is done."""
         return self.record.error
 
 
@@ -105,8 +105,8 @@ def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, cou
         executor = Restarted(start, BrokenExecutor, Shared if count > 1 else as_it_is)
         yield from _in_order(work, jobs, find, look, executor, lambda: slots)
     except OSError as error:
-        reason = f"{error.strerror or error}; give it fewer with --jobs"
-        raise RunError(f"no processes can be started ({reason})") from None
+        reason = f"{error.strerror or error}; ask for fewer with --jobs"
+        raise RunError(f"processes cannot be started ({reason})") from None
 
 
 def in_cluster(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, address: str) -> Done:
@@ -129,14 +129,14 @@ def in_cluster(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, addre
         )
     except Blur2ViewError:
         raise
-    except Exception as error:  # of any type, as the scheduler is gone, or a worker lacks a module
+    except Exception as error:  # of any type: the scheduler is gone, or a worker lacks a module
         reason = " ".join(str(error).split()) or type(error).__name__
         raise RunError(
-            f"{address}: cannot go on ({reason}); see that its scheduler runs and its workers have this "
-            "blur2view"
+            f"{address}: cannot go on ({reason}); check that its scheduler runs and that its workers have "
+            "this blur2view"
         ) from None
     finally:
-        threading.Thread(target=client.close, daemon=True).start()  # it may wait for a scheduler that is gone
+        threading.Thread(target=client.close, daemon=True).start()  # it may wait in vain
 
 
 def _in_order(
@@ -221,7 +221,7 @@ class _Features:
             return None
 
     def drop(self, job: Job) -> None:
-        """Forget the features of a job and of those before it, which are matched."""
+        """Forget the features of a job and of the jobs before it, because they are matched."""
         for source in (job.source, *(near for steps, near in job.neighbours if steps < 0)):
             self._found.pop(source, None)
 
@@ -351,7 +351,7 @@ def _perform(work: Work, job: Job) -> Outcome:
 
 
 def _failed(name: str, error: Blur2ViewError) -> Outcome:
-    """Return the outcome of a photograph that fails."""
+    """Return the outcome of a photograph that failed."""
     return Outcome(record=Record(name=name, error=str(error)))
 
 
@@ -384,5 +384,5 @@ def _alone(work: Work, job: Job) -> Outcome:
         try:
             return pool.submit(_perform, work, job).result()
         except BrokenExecutor:
-            why = "the process that read it died, perhaps of too little memory; resize it"
+            why = "the process that read it died, perhaps because of too little memory; resize it"
             return _failed(job.name, ImageError(f"{job.source}: {why}"))

@@ -132,6 +132,7 @@ class Run:
             with waiting("photographs", hidden=self.options.printing.quiet) as show:
                 self._check(targets, checked)
                 self._name_passed_over()
+                show(0, count)
                 with closing(self._results(work)) as results:
                     for job, outcome in results:
                         if self.passed is not None:

@@ -22,12 +22,13 @@ EXIT_CODES = {
     "130": "interrupted by Ctrl-C; nothing is written",
     "141": "the output pipe was closed early, for example by head; the rest is not done",
 }
-"""Those of a command; a command says where it differs, by ``exit_codes``."""
-FIRST_S, REDRAW_S, LINE_S = 0.5, 0.25, 60.0  # until a bar is drawn, and again; until a line, in a file
-SMOOTHING = 0.1  # of the rate, in which photographs that were done before soon count no more
+"""Exit codes of every command; the ``exit_codes`` of a command replace some of them."""
+# Seconds until a bar appears, between drawings of it, and between lines in a file.
+FIRST_S, REDRAW_S, LINE_S = 0.5, 0.25, 60.0
+SMOOTHING = 0.1  # of the rate: photographs of an earlier call soon count no more
 PARTS = "{desc}: {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
 BAR = PARTS.replace(": ", ": {percentage:3.0f}%|{bar}| ", 1)
-WHOLE = "{desc} ... {elapsed}"  # of a step that counts no parts
+WHOLE = "{desc} ... {elapsed}"  # a step whose parts are not counted
 DRAWING = threading.RLock()  # one thread at a time writes to the terminal
 BARS: list[Any] = []  # the bar of tqdm that a terminal shows, if there is one
 
@@ -85,7 +86,7 @@ def waiting(text: str, *, hidden: bool = False) -> Iterator[Callable[[int, int],
     Nothing is shown of a step that is shorter than `FIRST_S`, or ``hidden``.
     """
     step = Step(printable(text))
-    thread = threading.Thread(target=step.draw, daemon=True)  # so that time moves on while a part takes long
+    thread = threading.Thread(target=step.draw, daemon=True)  # the time moves on while a part takes long
     shown = not hidden and sys.stderr is not None
     if shown:
         thread.start()
@@ -116,19 +117,19 @@ class Step:
         self.done, self.count = done, count
 
     def draw(self) -> None:
-        """Draw the step until it has ended; nothing of it stays on a terminal."""
+        """Draw the step until it has ended; a terminal keeps nothing of it."""
         terminal = sys.stderr.isatty()
         pause_s, parts = (REDRAW_S, BAR) if terminal else (LINE_S, PARTS)
         if self.ended.wait(FIRST_S if terminal else pause_s):
             return
         bar = self._bar(terminal)
-        with suppress(OSError):  # of stderr that is closed
+        with suppress(OSError):  # stderr may be closed
             while not self.ended.is_set():
                 with DRAWING:
                     bar.total, bar.bar_format = self.count or None, parts if self.count else WHOLE
                     bar.ncols = columns()
                     if self.done > bar.n:
-                        bar.update(self.done - bar.n)  # which computes the rate
+                        bar.update(self.done - bar.n)  # tqdm computes the rate here
                     bar.refresh()
                     if not terminal:
                         print(f"blur2view: {bar}", file=sys.stderr, flush=True)
@@ -139,7 +140,7 @@ class Step:
 
     def _bar(self, terminal: bool) -> Any:
         """Return the bar of the step from its beginning on."""
-        from tqdm import tqdm  # 0.05 s, and rich 0.09; only what takes long pays for it
+        from tqdm import tqdm  # rich takes longer to import; only long steps pay for either
 
         tqdm.set_lock(DRAWING)
         tqdm.monitor_interval = 0  # no second thread that draws
@@ -149,8 +150,8 @@ class Step:
             unit="",
             file=file,
             leave=False,
-            nrows=20,  # of a terminal that knows none tqdm hides the bar
-            delay=1e-9,  # nothing is drawn here
+            nrows=20,  # tqdm hides the bar where a terminal does not know its height
+            delay=1e-9,  # draw nothing yet
             smoothing=SMOOTHING,
         )
         bar.start_t = bar.last_print_t = self.began

@@ -1,8 +1,9 @@
-"""Patches of two photographs, each blurred by the other's smear, found in each other.
+"""Patches of two photographs, each blurred with the smear of the other one, and found in it.
 
-Blurs commute: S * k blurred by l is S * l blurred by k. So ordinary registration (pyramidal Lucas-Kanade,
-Bouguet 2001) finds patches to a fraction of a pixel where SIFT's features do not match. It works in linear
-light: in the file's gamma residuals along the smears of RedKitchen are twice as large.
+Blurs commute: a scene S blurred by k and then by l is the same as S blurred by l and then by k. So ordinary
+registration (pyramidal Lucas-Kanade, Bouguet 2001) finds patches to a fraction of a pixel where SIFT's
+features do not match. It works in linear light: in the file's gamma residuals along the smears of RedKitchen
+are twice as large.
 """
 
 from collections.abc import Sequence
@@ -31,7 +32,7 @@ LOST_PX = 1e4  # motion of a patch that is not found
 def linear_light(image: Any) -> Any:
     """Return a photograph, (H, W, 3) or (H, W) with white 1, as linear grey, float32, its whites 255.
 
-    One of the night or of deep water is brightened, as far as its noise allows.
+    A photograph taken at night or in deep water is brightened, as far as its noise allows.
     """
     grey: Any = np.asarray(image, np.float32)
     if grey.ndim == 3:

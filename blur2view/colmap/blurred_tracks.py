@@ -1,6 +1,7 @@
 """Keypoints and matches for videos whose every frame is blurred, from a first model by COLMAP.
 
-In blurred frames SIFT matches few features, each of them a pixel or more off, and so are the poses. Here
+In blurred frames SIFT matches few features, which are off by a pixel or more, and the poses are off as well.
+Here
 corners of each frame, and what was matched in it before, are tracked into the next frames: from where the
 first model projects them, by patches of equal blur (`blurred_pose`). They become keypoints and verified
 matches in a copy of the project's database, from which COLMAP maps anew.
@@ -45,10 +46,10 @@ def track_frames(
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
     ids = check_project(database, names)
     beside = half_written(target)
-    beside.unlink(missing_ok=True)  # of a call that was killed
+    beside.unlink(missing_ok=True)  # a call that was killed left it
     try:
         with open_read_only(database) as source, closing(sqlite3.connect(beside)) as copy:
-            source.backup(copy)  # pycolmap writes to what it opens
+            source.backup(copy)  # pycolmap changes every database that it opens
         keypoints: Keypoints = {name: np.zeros((0, 2)) for name in names}
         matches: Matches = {}
         for index, name in enumerate(names):

@@ -188,7 +188,7 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
     if not len(keypoints):
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
     if prior is None or (project.has_frames(database) and project.rig_of(database, camera_id) is None):
-        raise ValueError(f"image {name} has no camera, or its camera has no rig; the database is damaged")
+        raise ValueError(f"image {name} has no camera, or its camera has no rig; restore a backup")
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in own.values():
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
@@ -293,7 +293,7 @@ def _insert(
     number = int(database.execute(sql, tuple(row.values())).lastrowid or 0)
     if not 0 <= number < below:
         raise ValueError(
-            f"its {table} are numbered up to {number - 1}, the most that COLMAP holds; make a new one"
+            f"its {table} have numbers up to {number - 1}, which is COLMAP's limit; make a new database"
         )
     return number
 

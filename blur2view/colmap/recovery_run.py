@@ -1,4 +1,4 @@
-"""All frames that a model lacks, one after another or by several processes, and noted as they are done."""
+"""All frames that a model lacks: one process or several recover them, and each result is noted."""
 
 import json
 import os
@@ -30,7 +30,7 @@ from blur2view.processes import processes, spawn_context
 
 GENERATOR = "blur2view recover"
 Result = RecoveredFrame | str
-"""A recovered frame, or why it is refused."""
+"""A recovered frame, or the reason for which it is refused."""
 TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
 """Tries frames by the poses of all that are known, and yields their results in order."""
 
@@ -121,7 +121,7 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
     try:
         yield try_frames
     except BrokenProcessPool:
-        raise RunError("a process died, perhaps of too little memory; add --jobs 1") from None
+        raise RunError("a process died, perhaps because of too little memory; add --jobs 1") from None
     finally:
         for future in pending:
             future.cancel()

@@ -166,7 +166,7 @@ def time_agreement(views: ExposureViews, motion: PictureMotion) -> float:
     if not inliers.any() or not len(motion.points):
         return 0.0
     start, close = views.points_open[inliers], views.points_close[inliers]
-    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
+    from scipy.spatial import cKDTree  # slow to import, and needed only where neighbours are compared
 
     distance, index = cKDTree((start + close) / 2).query(motion.points)
     smear, velocity = (close - start)[index], motion.velocity

@@ -45,7 +45,7 @@ class RollingShutter:
         ``second_end_is_open`` (N,) is their order. None if, in this order, half of the points would outrun
         the rows.
         """
-        from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
+        from scipy.spatial import cKDTree  # slow to import, and needed only for a rolling shutter
 
         directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement
         around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]

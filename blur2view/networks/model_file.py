@@ -221,7 +221,7 @@ def _onnxruntime() -> Any:
     """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME."""
     # read on import; disable_telemetry_events() comes too late: the device has its id by then (1.31)
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime  # 0.2 s, so only when a network is used
+    import onnxruntime  # slow to import, and needed only where a network runs
 
     max_bytes = BYTES_A_CORE * max(usable_cores(), 2)
     cpu = onnxruntime.OrtMemoryInfo(

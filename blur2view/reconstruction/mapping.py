@@ -35,8 +35,8 @@ def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
     try:
         result = answers.recv()
     except EOFError:
-        remedy = "give it fewer frames with --frames"
-        raise RunError(f"COLMAP's process died, perhaps of too little memory; {remedy}") from None
+        remedy = "choose fewer frames with --frames"
+        raise RunError(f"COLMAP's process died, perhaps because of too little memory; {remedy}") from None
     finally:
         process.kill()
         process.join()

@@ -31,10 +31,10 @@ QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP: photographs of 960 pi
 MIN_FRAMES = 3  # of a video, whose blur is shown over time
 ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
 LAYERS = {
-    "smears": ("smears", "Smears: coloured by direction those that fit the geometry, grey others."),
-    "lines": ("epipolar lines", "White lines are epipolar lines, rings epipoles."),
-    "moves": ("what moves", "Pink moves by itself; where it is dark motion cannot be seen."),
-    "errors": ("uncertainty", "Uncertainty: standard deviations of smears, violet small, yellow large."),
+    "smears": ("smears", "Smears that fit the geometry are coloured by direction; others are grey."),
+    "lines": ("epipolar lines", "White lines are epipolar lines, and rings are epipoles."),
+    "moves": ("what moves", "What moves by itself is pink; motion cannot be seen where it is dark."),
+    "errors": ("uncertainty", "Standard deviations of the smears: violet is small, and yellow is large."),
 }
 STYLE = """
 :root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 STILL = BlurKind.SHARP, BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_AT_REST
 """Kinds of blur of a camera that did not move."""
 MIN_TURNED = 0.1
-"""Smallest probability of a rotation that is named beside the movement (bound)."""
+"""Smallest probability of a rotation at which the verdict names it beside a movement (bound)."""
 MAX_DEFOCUS_PX = DEFOCUSED_PX
 """Largest radius of a lens in focus."""
 MAX_SMEAR_PX = 3.0
@@ -23,7 +23,7 @@ MAX_SMEAR_PX = 3.0
 fresh noise are still matched (``git show ad575bde:tools/results/triage.md``; chosen on the photographs of
 Kodak's suite that train networks, shown on the others)."""
 DIAGONAL = 0.5
-"""Smallest ratio of a diagonal direction's smaller part to its larger one (bound)."""
+"""Smallest ratio of the parts of a direction that is called diagonal (bound)."""
 
 
 class Use(StrEnum):
@@ -87,7 +87,7 @@ def rounded(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in whole per cent; 0 and 100 stand for none and all alone."""
+    """Return a share in whole per cent; only none is 0, and only all is 100."""
     whole = min(round(100 * share), 100 if share >= 1 else 99)
     return f"{whole} %" if whole or not share else "less than 1 %"
 

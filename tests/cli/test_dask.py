@@ -124,6 +124,8 @@ def test_whoever_waits_for_workers_that_all_died_is_told(monkeypatch: pytest.Mon
     monkeypatch.setattr(jobs, "connected", lambda address: (Client(), RuntimeError))
     every = [jobs.Job(source=Source(path=Path(__file__)))]
     series = jobs.in_cluster(work, every, lambda _: None, lambda *_: NO_FEATURES, address="tcp://a:1")
-    with pytest.raises(RunError, match="tcp://a:1: has no worker; start some with: dask worker tcp://a:1"):
+    with pytest.raises(
+        RunError, match="tcp://a:1: the Dask scheduler has no worker; start one with: dask worker tcp://a:1"
+    ):
         next(series)
     ended.set()

@@ -132,7 +132,7 @@ def test_the_log_of_a_killed_mapper_does_not_damage_a_new_database(tmp_path: Pat
     assert (path.read_bytes(), log.read_bytes()) == old
     path.unlink()
     log.write_bytes(old[1])  # of a database that a user has removed alone
-    with pytest.raises(DatabaseError, match="new.db-wal: is of a program that uses it or was killed"):
+    with pytest.raises(DatabaseError, match="new.db-wal: is a log that SQLite would apply"):
         write_database(path, [make_views()])
 
 

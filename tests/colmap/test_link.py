@@ -153,7 +153,7 @@ SQL_FAULTS = {
         ("params missing", "camera 1 is damaged, because it has no parameters; let COLMAP write it again"),
         ("endless view", "its cameras are an SQL view, but COLMAP's are a table"),
         ("trigger", "has the trigger t, .* remove it"),
-        ("frames of 64 bits", "its frames are numbered up to 4294967300, the most that COLMAP holds"),
+        ("frames of 64 bits", "its frames have numbers up to 4294967300, which is COLMAP's limit"),
     ],
 )
 def test_a_project_that_colmap_could_not_read_is_refused(path: Path, fault: str, line: str) -> None:
@@ -190,7 +190,7 @@ def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: 
     links = [views_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
     run_sql(path, edit)
     before, names = user_rows(path), names_of(path)
-    with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed meanwhile"):
+    with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed while blur2view worked"):
         write_links(path, links, backup=False)
     assert user_rows(path) == before and names_of(path) == names
 
@@ -201,7 +201,7 @@ def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch:
     planned = views_of(only_plan(path))
     with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
-        with pytest.raises(DatabaseError, match="close programs that use it"):
+        with pytest.raises(DatabaseError, match="close the programs that use it"):
             write_links(path, [planned], backup=False)
         other.execute("ROLLBACK")
         locked = pytest.raises(sqlite3.OperationalError, match="locked")

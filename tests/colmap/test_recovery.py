@@ -335,7 +335,7 @@ def encoded(picture: AnyArray) -> bytes:
 OTHER = cv2.GaussianBlur(np.random.default_rng(5).normal(128, 400, SIZE[::-1]), (0, 0), 3)
 SPOILT = {
     "too few of its neighbours' points": encoded(OTHER),
-    "its camera of 240x180": encoded(np.full((90, 120, 3), 99)),
+    "but its camera 240x180": encoded(np.full((90, 120, 3), 99)),
     "damaged": encoded(OTHER)[:300],
 }
 
@@ -362,7 +362,7 @@ def write_project(path: Path, own: AnyArray) -> None:
 
 
 DAMAGES = {
-    "keypoints of image 3: another count": "UPDATE keypoints SET data = NULL WHERE image_id = 3",
+    "keypoints of image 3: its numbers differ in count": "UPDATE keypoints SET data = NULL WHERE image_id = 3",
     "has no image f_4.png": "DELETE FROM images WHERE name = 'f_4.png'",
     "has the trigger mine": (
         "CREATE TRIGGER mine AFTER INSERT ON matches BEGIN SELECT RAISE(ABORT, 'no'); END"

@@ -113,7 +113,7 @@ def test_names_of_videos_are_names_of_files_and_open_no_network(tmp_path: Path) 
             server.accept()
     odd = tmp_path / os.fsdecode(b"\xff.mp4")
     shutil.copy(tmp_path / "clip.mp4", odd)
-    with pytest.raises(ImageError, match="its name is not UTF-8"):
+    with pytest.raises(ImageError, match="cannot open its name, which is not UTF-8"):
         read_frame(odd, 0)
 
 

@@ -95,7 +95,7 @@ def test_a_list_names_a_word_on_each_line_but_blank_ones_and_comments(folder: Pa
     expected[2] = Path("lists/beside.jpg")
     assert paths("@lists/list") == expected
     Path("list").write_bytes(b"\x89PNG\0")
-    with pytest.raises(ImageError, match="name a photograph by its file"):
+    with pytest.raises(ImageError, match="name a photograph without @"):
         listed("@list")
 
 
@@ -113,7 +113,9 @@ def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.Mon
 def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for endless in ("/dev/zero", tmp_path / "pipe"):
-        with pytest.raises(ImageError, match=r"cannot be read \(is not a regular file\).*pipe them to -"):
+        with pytest.raises(
+            ImageError, match=r"cannot be read \(is not a regular file\).*pipe such a list to -"
+        ):
             listed(f"@{endless}")
 
 
