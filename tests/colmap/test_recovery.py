@@ -362,7 +362,7 @@ def write_project(path: Path, own: AnyArray) -> None:
 
 
 DAMAGES = {
-    "keypoints of image 3: its numbers differ in count": "UPDATE keypoints SET data = NULL WHERE image_id = 3",
+    "keypoints of image 3: its numbers differ": "UPDATE keypoints SET data = NULL WHERE image_id = 3",
     "has no image f_4.png": "DELETE FROM images WHERE name = 'f_4.png'",
     "has the trigger mine": (
         "CREATE TRIGGER mine AFTER INSERT ON matches BEGIN SELECT RAISE(ABORT, 'no'); END"
