@@ -335,7 +335,7 @@ def encoded(picture: AnyArray) -> bytes:
 OTHER = cv2.GaussianBlur(np.random.default_rng(5).normal(128, 400, SIZE[::-1]), (0, 0), 3)
 SPOILT = {
     "too few of its neighbours' points": encoded(OTHER),
-    "but its camera 240x180": encoded(np.full((90, 120, 3), 99)),
+    "but the model's camera 240x180": encoded(np.full((90, 120, 3), 99)),
     "damaged": encoded(OTHER)[:300],
 }
 
