@@ -115,7 +115,8 @@ def page(rows: list[Seen]) -> Iterator[str | list[str]]:
     if rest:
         moves, found = np.mean(rest, axis=0)
         yield f"Before a camera at rest {moves:.2f} of the pictures moves, and {found:.2f} are said to move."
-    yield f"Triage names {sum(one.kind != one.triaged for one in rows)} of {len(rows)} otherwise."
+    differ = sum(one.kind != one.triaged for one in rows)
+    yield f"`triage` gives {differ} of {len(rows)} photographs another name than `estimate` does."
     head = "smear | pictures | direction, deg | surer half | length over true | within 5 %"
     yield from ("## Even smears", table(head, smear_rows(rows)))
 

@@ -24,12 +24,13 @@ from tools.evaluation.recovered import averaged
 SEEDS = range(3)  # of COLMAP's mapper; it may begin with a wrong pair: seed 0 joins 3 of 11 frames of 36 px
 WIDER = [1, 2, 3]  # frames averaged before and after
 LEAD = """\
-Every frame is the mean of 3, 5 or 7 consecutive ones of a sequence in linear light; no two share one. COLMAP
-maps them with its defaults and at its best (`blur2view.blurred_options()`), with exhaustive matching and
-known intrinsics. From the latter's model `blur2view recover --tracks` writes *matches of patches* beside
-those of SIFT, from which COLMAP maps anew; `blur2view recover` registers what that lacks. COLMAP maps with
-three seeds, as one may begin with a wrong pair; its model with the most frames counts. Cells are frames
-registered, and the error of the rotation from each of them to the next: degrees, median."""
+Every frame is the mean of 3, 5 or 7 consecutive frames of a sequence in linear light, and no two of them
+share a frame. COLMAP maps them with known intrinsics and exhaustive matching, once with its default options
+and once at its best (`blur2view.blurred_options()`). From the second model `blur2view recover --tracks`
+writes *matches of patches* in addition to those of SIFT, and COLMAP maps anew from both; *and recovered*
+means that `blur2view recover` then registers the frames that this model lacks. COLMAP maps with three seeds,
+because a mapper may begin with a wrong pair, and the model with the most frames counts. A cell has the number
+of registered frames, and the median error in degrees of the rotation from each of them to the next."""
 HEAD = "smears, px | frames | COLMAP's defaults | COLMAP at its best | matches of patches | and recovered"
 
 

@@ -94,7 +94,7 @@ def main(*, cases: int = 1000, seed: int = 0, first: int = 0, out: Target | None
             rude[kind] += bool(found)
             for complaint in found:
                 print(f"RUDE {kind}, --seed {seed} --first {number} --cases 1: {complaint}", flush=True)
-    words = f"Seed {seed}, {tried.total()} cases; `--help` says when a call is rude."
+    words = f"Seed {seed}, {tried.total()} cases; `--help` explains when a call is rude."
     publish(out, words, table("inputs | cases | rude", [(kind, tried[kind], rude[kind]) for kind in KINDS]))
     raise SystemExit(bool(rude.total()))
 

@@ -39,22 +39,26 @@ SHORT, LONG = 0.05, 0.9  # exposures over frame interval, of frames of the model
 FRAMES = 20
 DRAWN = 5  # seed of the scene of the picture
 LEAD = """\
-Runs of frames are missing from a COLMAP model; `blur2view recover` registers them from its other frames.
-Renderings are of a hand's shake, sharp in the model and blurred where missing. The missing frames of a
-sequence are the mean of 1, 3, 5 and 7 consecutive ones in linear light. *Missing* 3 of 9 are 3 in a row, the
-next 6 are not. *Spline* is the pose interpolated between the model's frames, for all missing ones;
-*recovered* is that of the recovered ones. Errors of rotation are in degrees, of position in steps, the median
-distance of consecutive frames; they, the smears and the model's points that a recovered frame sees are
-medians over frames, the *worst* are rotations. *holds* is the share of recovered frames whose true pose lies
-within the stated covariance at 90 %. Its constants were chosen on renderings in runs of 3, with shakes of 10
-and 30 px a frame, and on RedKitchen's rows of 3 of 9 and of 6 of 12 at 38 px, which are no blind check.
-What chose nothing: RedKitchen's 6 of 12 at 52 px holds 0.93 (rotations alone 0.97, positions 0.90), 1 of 7
-at 36 px 0.89 (1.00, 0.89), 3 of 9 at 35 px darkened to a tenth with noise 0.90 (1.00, 0.86). A frame of
-640x480 takes 1.5 s of a processor's core, one of 1920x1080 2.7 s.
+Runs of frames are taken out of a COLMAP model, and `blur2view recover` registers them from its other frames.
+The rendered videos show a hand's shake; their frames are sharp in the model and blurred in the runs. In the
+recorded sequence a missing frame is the mean of 1, 3, 5 or 7 consecutive frames in linear light.
 
-COLMAP at its best (`blur2view.blurred_options()`, exhaustive matching), once, on the same frames of
-RedKitchen, 66 with runs of three missing: all registered; at 38 px off by 0.49 degrees and 2.1 steps, at
-53 px by 0.42 and 2.3."""
+- *missing*, for example 3 of 9: three frames in a row are missing, and the next six are not.
+- *spline*: the pose is interpolated between the model's frames, for every missing frame; *recovered*: the
+  pose is that of `recover`, for the frames that it accepts.
+- Errors of rotation are in degrees. Errors of position are in steps; a step is the median distance of
+  consecutive frames. Errors, smears, and the number of the model's points that a recovered frame sees are
+  medians over frames. *worst* is the largest error of rotation.
+- *holds*: the share of recovered frames whose true pose lies in the region of 90 % that `recover` states.
+  The constants of these regions were chosen on the rendered videos in runs of 3, with shakes of 10 and 30 px
+  a frame, and on RedKitchen's rows of 3 of 9 and of 6 of 12 at 38 px, so that these rows are not a blind
+  check. The other rows chose nothing: RedKitchen's 6 of 12 at 52 px holds 0.93 (its rotations alone 0.97, its
+  positions 0.90), and 1 of 7 at 36 px 0.89 (1.00 and 0.89). 3 of 9 at 35 px, darkened to a tenth and with
+  noise, holds 0.90 (1.00 and 0.86).
+
+COLMAP at its best (`blur2view.blurred_options()` and exhaustive matching) was run once on the same 66 frames
+of RedKitchen with runs of three missing. It registered all of them; at 38 px they are off by 0.49 degrees and
+2.1 steps, and at 53 px by 0.42 degrees and 2.3 steps."""
 HEAD = (
     "frames | missing | smear, px | recovered | spline: degrees | steps | recovered: degrees | steps | worst "
     "| spline's worst | points | holds"
