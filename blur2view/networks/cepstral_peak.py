@@ -107,28 +107,34 @@ def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, F
 def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
     """Return the corrections (h, w, 5) of smears, given the sampled peaks of their windows.
 
-    Rotation, radians; logarithm of the factor of length; both posterior variances; the probability that the
-    peak is the smear's. The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2).
-    Beyond the samples the network's distribution is taken for normal, with the evidence for half the smear,
-    since a smear has a second, shallower peak at twice its length.
+    Rotation r, radians; logarithm s of the factor of length; both posterior variances; the probability that
+    the peak is the smear's. The posterior on the grid of samples is
+
+        p(r, s) = N(r; 0, sigma_rad) N(s; 0, sigma_log) exp(e(v(r, s))) / Z,
+
+    v the depth of the cepstrum there, in deviations, and e(v) = v^2 / 2, tempered, the evidence for a peak of
+    unknown height (`_evidence`). Of the network's distribution, which is taken for normal, P =
+    erf(r_max / (sigma_rad sqrt 2)) erf(s_max / (sigma_log sqrt 2)) lies inside the grid. What is outside has
+    the evidence for half the smear, since a smear has a second, shallower peak at twice its length, so that
+    the peak is the smear's with probability Z / (Z + (1 - P) exp(max e(half))).
     """
-    a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
-    density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
-    inside = ERF(a[..., -1] / 2**0.5) * ERF(b[..., -1] / 2**0.5)
-    density *= (inside / density.sum((-2, -1)))[..., None, None]
+    r, s = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]  # in deviations
+    density = np.exp(-0.5 * r**2)[..., :, None] * np.exp(-0.5 * s**2)[..., None, :]
+    P = ERF(r[..., -1] / 2**0.5) * ERF(s[..., -1] / 2**0.5)
+    density *= (P / density.sum((-2, -1)))[..., None, None]
     log_posterior = np.log(density + 1e-30) + _evidence(peaks)
-    most = log_posterior.max((-2, -1))
+    most = log_posterior.max((-2, -1))  # by whose exponential all that follows is divided
     posterior = np.exp(log_posterior - most[..., None, None])
-    total = posterior.sum((-2, -1))
-    elsewhere = (1 - inside) * np.exp((_evidence(halves).max(-1) - most).clip(None, 80))
+    Z = posterior.sum((-2, -1))
+    outside = (1 - P) * np.exp((_evidence(halves).max(-1) - most).clip(None, 80))
     least = ((PEAK_PX / np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)) ** 2).astype(np.float32)
     corrections = []
     for axis, values in ((-1, ROTATIONS), (-2, LOG_SCALES)):
-        weights = posterior.sum(axis) / total[..., None]
+        weights = posterior.sum(axis) / Z[..., None]
         mean = weights @ values
         corrections.append((mean, np.maximum(weights @ values**2 - mean**2, 0) + least))
     (rotation, variance_rad), (log_scale, variance_log) = corrections
-    return np.stack([rotation, log_scale, variance_rad, variance_log, total / (total + elsewhere)], -1)
+    return np.stack([rotation, log_scale, variance_rad, variance_log, Z / (Z + outside)], -1)
 
 
 def _evidence(peaks: Floats) -> Floats:

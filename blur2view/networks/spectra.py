@@ -90,13 +90,13 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
         mean = eighths @ mean_of
         relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
         floors = np.full_like(relative, NOISE_FLOOR), relative
-        places = np.split(cepstra[part], [len(PEAK_LAGS_PX)], axis=-1)
-        for k, (floor, samples, place) in enumerate(zip(floors, samples_of, places, strict=True)):
+        both = np.split(cepstra[part], [len(PEAK_LAGS_PX)], axis=-1)
+        for k, (floor, samples, cepstrum) in enumerate(zip(floors, samples_of, both, strict=True)):
             values = sampled(np.log(eighths + floor), samples)
             values -= values.mean((1, 2), keepdims=True)
             square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)
             deviation = np.sqrt(square) + np.float32(1e-3)
-            np.divide(values, deviation[:, None, None], out=place)
+            np.divide(values, deviation[:, None, None], out=cepstrum)
             scales[part, k] = np.log(deviation) + 3
         scales[part, 2] = np.log(mean + np.float32(1e-3)) / 3
 
@@ -105,34 +105,45 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
 
 
 def sampled(logs: Floats, samples: Floats) -> Floats:
-    """Return polar samples (n, 32, lags) of log spectra on four eighths of the plane (n, 4 * f)."""
-    a, a_turned, b, b_turned = np.moveaxis(logs.reshape(len(logs), 4, -1), 1, 0)
-    even_a, odd_a, even_b, odd_b = a + a_turned, a - a_turned, b + b_turned, b - b_turned
-    parts = even_a + even_b, even_a - even_b, odd_a + odd_b, odd_a - odd_b
+    """Return polar samples (n, 32, lags) of log spectra on four eighths of the plane (n, 4 * f).
+
+    The samples C of a direction t, 0 to 45 degrees, and of its reflections are sums of four parts, each of
+    which is even or odd at the x axis (first letter) and at the diagonal (second letter):
+
+        C(t)      = ee + oe + eo + oo,    C(90 - t)  = ee + oe - eo - oo,
+        C(90 + t) = ee - oe - eo + oo,    C(180 - t) = ee - oe + eo - oo.
+
+    A part is the product of ``samples`` (`polar_map`) and of the part of the log power L that has the same
+    symmetry: with L_d = L(y, x), L_x = L(x, -y) and L_dx = L(y, -x), ee is of L + L_d + L_x + L_dx.
+    """
+    L, L_d, L_x, L_dx = np.moveaxis(logs.reshape(len(logs), 4, -1), 1, 0)
+    even, odd, even_x, odd_x = L + L_d, L - L_d, L_x + L_dx, L_x - L_dx
+    parts = even + even_x, even - even_x, odd + odd_x, odd - odd_x
     products = (part @ matrix for part, matrix in zip(parts, samples, strict=True))
     ee, oe, eo, oo = (product.reshape(len(logs), EIGHTH + 1, -1) for product in products)
-    even, odd, even_turned, odd_turned = ee + eo, oe + oo, ee - eo, oe - oo
+    even, odd, even_d, odd_d = ee + eo, oe + oo, ee - eo, oe - oo  # at the x axis; _d: of 90 - t
     values = np.empty((len(logs), DIRECTIONS, ee.shape[-1]), np.float32)
     values[:, : EIGHTH + 1] = even + odd
-    values[:, EIGHTH : 2 * EIGHTH + 1] = (even_turned + odd_turned)[:, ::-1]
-    values[:, 2 * EIGHTH : 3 * EIGHTH + 1] = even_turned - odd_turned
+    values[:, EIGHTH : 2 * EIGHTH + 1] = (even_d + odd_d)[:, ::-1]
+    values[:, 2 * EIGHTH : 3 * EIGHTH + 1] = even_d - odd_d
     values[:, 3 * EIGHTH :] = (even - odd)[:, :0:-1]
     return values
 
 
 @functools.cache
 def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
-    """Return the linear map from log spectra to polar samples, split by symmetry.
+    """Return the linear map from log spectra to polar samples, split by symmetry as in `sampled`.
 
-    Places (4 n,) in a spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies 0 <= y
-    <= x; weights (4 n,) of the mean power; and samples (4, n, 9 * lags) of both cepstra: even under both
-    reflections, odd at the x axis, odd at the diagonal, odd under both.
+    Indices (4 n,) in a flat spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies
+    0 <= y <= x; weights (4 n,) of the mean power; and for both cepstra the matrices (4, n, 9 * lags) of the
+    parts ee, oe, eo and oo, to directions of 0 to 45 degrees: with ``signs`` s (4, 4) of the parts, and M_k
+    the matrix of the k-th of the four frequencies (`polar_samples`), sum_k s_k M_k / 4.
     """
     y, x = (i.ravel() for i in np.indices((FREQUENCIES + 1,) * 2))
     keep = (y <= x) & (x > 1) & (np.hypot(x, y) <= FREQUENCIES)
     x, y = x[keep], y[keep]
     columns, rows = np.stack([x, y, x, y]), np.stack([y, x, -y, -x])
-    share = np.where(x == y, 0.5, 1) * np.ones((4, 1))  # what stands in two eighths counts half in each
+    share = np.where(x == y, 0.5, 1) * np.ones((4, 1))  # what lies in two eighths counts half in each
     share[::2] *= np.where(y == 0, 0.5, 1)
     mean = share * (np.hypot(x, y) >= MIN_FREQUENCY)
     signs = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]], np.float32) / 4
@@ -158,10 +169,10 @@ def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
     lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
     angles = np.pi / DIRECTIONS * np.arange(EIGHTH + 1)
     sigma = np.tile(0.6 + 0.04 * lags, len(angles))
-    place = np.arange(-WINDOW // 2, WINDOW // 2)[:, None]
+    pixel = np.arange(-WINDOW // 2, WINDOW // 2)[:, None]
     middles = (np.outer(f(angles), lags).ravel() for f in (np.cos, np.sin))
-    x, y = (np.exp(-((place - middle) ** 2) / (2 * sigma**2)) for middle in middles)
-    wave = np.exp(2j * np.pi * np.outer(np.arange(-FREQUENCIES, FREQUENCIES + 1), place) / WINDOW)
+    x, y = (np.exp(-((pixel - middle) ** 2) / (2 * sigma**2)) for middle in middles)
+    wave = np.exp(2j * np.pi * np.outer(np.arange(-FREQUENCIES, FREQUENCIES + 1), pixel) / WINDOW)
 
     def transformed(x: Array, y: Array) -> Array:
         across, down = (wave @ x)[columns + FREQUENCIES], (wave @ y)[rows + FREQUENCIES]
@@ -169,7 +180,7 @@ def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
 
     result = transformed(x, y)
     if cepstrum == 0:
-        trend = np.exp(-2 * (np.pi * TREND / WINDOW * place) ** 2)
+        trend = np.exp(-2 * (np.pi * TREND / WINDOW * pixel) ** 2)
         result -= transformed(x * trend, y * trend)
     result *= taper[..., None]
     result /= x.sum(0) * y.sum(0)
