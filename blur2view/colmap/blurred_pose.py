@@ -108,10 +108,10 @@ def find_pose(
     for scale, levels in ROUNDS:
         here = replace(view.scaled(scale), pose=pose)
         there = [neighbour.scaled(scale) for neighbour in neighbours]
-        found = _find_matches(here, there, world, seen, motion, levels)
-        if found is None:
+        matches = _find_matches(here, there, world, seen, motion, levels)
+        if matches is None:
             return None
-        numbers, pixels, covariance, equations = found
+        numbers, pixels, covariance, equations = matches
         pose, information = fit_pose(here.camera, pose, world[numbers], pixels, covariance)
         if levels:
             motion = _corrected(motion, equations, expected)
@@ -226,22 +226,35 @@ def _find_matches(
     inside = _inside(view.camera, pixels)
     if not inside.any():
         return None
-    surface = _surface(view, world[inside])
-    flow = image_flow(view.camera, surface)
-    path, bend = flow @ motion[:6], flow[:, :, :3] @ motion[6:]
+    warps, pictures = _blurred_alike(view, neighbours, world[inside], motion, moments=levels > 0)
+    matches = []
+    for neighbour, warp, blurred, visible in zip(neighbours, warps, pictures, seen, strict=True):
+        numbers = np.flatnonzero(inside & visible)
+        if len(numbers):
+            matches.append(_match(view, neighbour, warp, blurred, numbers, pixels[numbers], world, levels))
+    if not matches or len(np.unique(np.concatenate([one.numbers for one in matches]))) < MIN_POSE_POINTS:
+        return None
+    numbers, pixels, covariance = (np.concatenate(parts) for parts in list(zip(*matches, strict=True))[:3])
+    return _Matches(numbers, pixels, covariance, np.sum([one.equations for one in matches], axis=0))
+
+
+def _blurred_alike(
+    view: View, neighbours: Sequence[View], world: Array, motion: Array, *, moments: bool
+) -> tuple[list["_Warp"], list[list[Any]]]:
+    """Return neighbours at the pixels of a view, and their pictures blurred as the view is.
+
+    A motion (w, v, b) smears a pixel along path t + bend t^2, where path = J (w, v), bend = J_w b, and J =
+    (J_w, J_v) is the `image_flow` (2, 6) of the surface through the points (N, 3) of the world. Each
+    neighbour has a picture, and with ``moments`` also those weighted by t and t^2 (`blurred_along`).
+    """
+    surface = _surface(view, world)
+    J = image_flow(view.camera, surface)
+    path, bend = J @ motion[:6], J[:, :, :3] @ motion[6:]
     warps = [_warp(neighbour, view, surface, path) for neighbour in neighbours]
     fields = _everywhere(view.camera, path), _everywhere(view.camera, bend) if bend.any() else None
-    blurred = blurred_along(np.dstack([warp.picture for warp in warps]), *fields, moments=levels > 0)
-    found = list[_Matches]()
-    for k, (neighbour, warp) in enumerate(zip(neighbours, warps, strict=True)):
-        numbers = np.flatnonzero(inside & seen[k])
-        if len(numbers):
-            pictures = [np.ascontiguousarray(picture[..., k]) for picture in blurred]
-            found.append(_match(view, neighbour, warp, pictures, numbers, pixels[numbers], world, levels))
-    if not found or len(np.unique(np.concatenate([one.numbers for one in found]))) < MIN_POSE_POINTS:
-        return None
-    numbers, at, covariance = (np.concatenate(parts) for parts in list(zip(*found, strict=True))[:3])
-    return _Matches(numbers, at, covariance, np.sum([one.equations for one in found], axis=0))
+    blurred = blurred_along(np.dstack([warp.picture for warp in warps]), *fields, moments=moments)
+    of_each = [[np.ascontiguousarray(one[..., k]) for one in blurred] for k in range(len(warps))]
+    return warps, of_each
 
 
 def _match(
