@@ -162,8 +162,8 @@ def moving_in(
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
     against = block_evidence(gradients, colour, grid, motion), cell_evidence(grid, motion)
-    ((blurred, _),) = shipped(MOVERS, execution).run(*map(channels_first, against))
-    odds = INTERCEPT + SLOPE * (looks + blurred)
+    (blurred,) = shipped(MOVERS, execution).run(*map(channels_first, against))
+    odds = np.asarray(INTERCEPT + SLOPE * (looks + blurred), np.float32)
     odds += np.float32(AT_REST * (1 - camera_moved))
     smooth = smooth_blocks(gradients)
     kinds = np.asarray(grid.kinds, np.float32)
@@ -280,7 +280,7 @@ def cell_values(grid: SmearGrid) -> Floats:
 
 
 def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
-    """Compare the cells of a grid with the camera's motion (h, w, 2), pixels: (h, w, 19), most logarithms."""
+    """Compare the cells of a grid with the camera's motion (h, w, 2), pixels: (h, w, 16), most logarithms."""
     assert grid.blur is not None
     seen, sigma_px, error = _smears(grid)
     sigma_rad = np.minimum(grid.smears().sigma_rad.astype(float), np.pi / 2)
@@ -292,19 +292,15 @@ def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
     own, other = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (seen, camera))
     turned = (own - other) * np.exp(-1j * np.angle(other)) / (np.abs(own) + np.abs(other) + 2)
-    lines = np.zeros_like(length)  # of F: the network was trained with them, too
     evidence = [
         np.log1p(apart / (scale * error)),
         np.log1p(apart),
         readable * np.log1p(angle / np.hypot(sigma_rad, 0.03)),
         np.log((length + 1) / (expected + 1)),
-        lines,
-        lines,
         np.log1p(length),
         np.log1p(expected),
         np.log(sigma_px / (length + 2) + 0.02),
         np.log(sigma_rad + 0.01),
-        lines,
         turned.real,
         np.abs(turned.imag),  # its size alone, which mirroring keeps
         np.log(grid.blur[..., 0] + 0.5),

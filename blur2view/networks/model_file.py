@@ -49,9 +49,9 @@ UNET = NetworkFormat(
 )
 """Image (1, 3, 32 h, 32 w), cells (1, 70, h, w); log_odds (1, 8 h, 8 w), camera_moved (1,)."""
 MOVERS = NetworkFormat(
-    file="movers.onnx", version="movers-1", inputs=("places", "cells"), outputs=("log_odds",)
+    file="movers.onnx", version="movers-2", inputs=("blocks", "cells"), outputs=("log_odds",)
 )
-"""Places (1, 15, 8 h, 8 w), cells (1, 19, h, w); log_odds (1, 2, 8 h, 8 w)."""
+"""Blocks (1, 15, 8 h, 8 w), cells (1, 16, h, w); log_odds (1, 8 h, 8 w)."""
 
 
 def model_path(name: str | os.PathLike[str] | None) -> Path:

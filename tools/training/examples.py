@@ -243,7 +243,7 @@ def mover_example(
     motion = camera_field(grid, 1 - left_out * over_cells(moving, grid.cells.shape), rng)
     error = epe_s(np.kron(grid.smears().displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "places": channels_first(block_evidence(*block_gradients(rgb_of(image)), grid, motion)),
+        "blocks": channels_first(block_evidence(*block_gradients(rgb_of(image)), grid, motion)),
         "cells": channels_first(cell_evidence(grid, motion)),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }

@@ -70,8 +70,8 @@ def looks_of(network: UNet, image: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
 
 
 def blurred_of(network: BlurNet, blocks: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
-    """Return the log-odds of the network of movers.onnx."""
-    return (network(blocks, cells),)
+    """Return the log-odds of blocks (N, H/4, W/4) that they move; not those of smears that are read right."""
+    return (network(blocks, cells)[:, 0],)
 
 
 def write(

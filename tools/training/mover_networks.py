@@ -24,8 +24,8 @@ WIDTHS, BLOCKS, ATTENTION = (32, 64, 96, 160), (1, 2, 2, 2), 3
 """Of `UNet`: channels and residual blocks of each size, from 1/4 to 1/32; blocks of attention."""
 OUTPUTS = 5
 """Of a pixel block: smear in double angle (2), log of its deviations along and across (2), log-odds."""
-PIXEL_BLOCKS, CELLS = 15, 19
-"""Channels of the inputs of `BlurNet`."""
+PIXEL_BLOCKS, CELLS, LINES = 15, 16, 3
+"""Channels of the inputs of `BlurNet`; those of epipolar lines that it was trained with, which are 0."""
 BLUR_WIDTHS, JOINED = (16, 24, 40, 64, 80), 3
 """Its channels at pixel blocks, and at halves of that size down to twice a cell; the level of the cells."""
 DROPPED = 0.1
@@ -141,23 +141,25 @@ class BlurNet(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         pairs = list(zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False))
-        joined, last = BLUR_WIDTHS[JOINED], BLUR_WIDTHS[-1]
+        joined, last, whole = BLUR_WIDTHS[JOINED], BLUR_WIDTHS[-1], CELLS + LINES
         # named as in the checkpoints that exist
-        self.of_places, self.of_cells = (nn.BatchNorm2d(n, affine=False) for n in (PIXEL_BLOCKS, CELLS))
+        self.of_places, self.of_cells = (nn.BatchNorm2d(n, affine=False) for n in (PIXEL_BLOCKS, whole))
         self.dropout = nn.Dropout2d(DROPPED)
         self.first = convolved(PIXEL_BLOCKS, BLUR_WIDTHS[0])
         self.down = nn.ModuleList(
             nn.Sequential(convolved(before, after, stride=2), convolved(after, after))
             for before, after in pairs
         )
-        self.join = nn.Sequential(convolved(joined + CELLS, joined, 1), convolved(joined, joined))
+        self.join = nn.Sequential(convolved(joined + whole, joined, 1), convolved(joined, joined))
         self.deepest = nn.Sequential(*(convolved(last, last, dilation=by) for by in (2, 4)))
         self.narrow = nn.ModuleList(convolved(below, above, 1) for above, below in pairs)
         self.up = nn.ModuleList(convolved(2 * width, width) for width in BLUR_WIDTHS[:-1])
         self.last = nn.Conv2d(BLUR_WIDTHS[0], 2, 1)
 
     def forward(self, pixel_blocks: Tensor, cells: Tensor) -> Tensor:
-        """Return log-odds (N, 2, 8 h, 8 w) of pixel blocks (N, 15, 8 h, 8 w) and cells (N, 19, h, w)."""
+        """Return log-odds (N, 2, 8 h, 8 w) of pixel blocks (N, 15, 8 h, 8 w) and cells (N, 16, h, w)."""
+        lines = torch.zeros_like(cells[:, :1])
+        cells = torch.cat([cells[:, :4], lines, lines, cells[:, 4:8], lines, cells[:, 8:]], 1)
         x = self.first(self.of_places(pixel_blocks))
         levels = [x]
         for k, down in enumerate(self.down, 1):

@@ -166,7 +166,7 @@ def outputs_of(network: nn.Module, batch: Batch) -> tuple[Any, Batch]:
     """Return the outputs of a mover network, and the batch on its device."""
     device = next(network.parameters()).device
     batch = {name: one.to(device) for name, one in batch.items()}
-    fine = batch["image"] if "image" in batch else batch["places"]
+    fine = batch["image"] if "image" in batch else batch["blocks"]
     with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
         return network(fine, batch["cells"]), batch
 
