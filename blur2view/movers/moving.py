@@ -311,7 +311,8 @@ def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
 def block_evidence(gradients: Floats, colour: Floats, grid: SmearGrid, camera: Array) -> Floats:
     """Return values (h, w, 15) of blocks: logarithms of gradients along and across motions, and colours.
 
-    Gradients and colours are `at_places`; the motions are the camera's (h/8, w/8, 2) and the grid's smears.
+    Gradients and colours are those of `block_gradients`; the motions are the camera's (h/8, w/8, 2) and the
+    grid's smears.
     """
     double = np.concatenate([to_double_angle(d) for d in (camera, _smears(grid)[0])], axis=-1)
     fine = upsample_grid(double.astype(np.float32), len(gradients) // len(camera))
@@ -353,9 +354,9 @@ def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
     """Return the mean (h, w) of the known values (h, w) over near blocks of like colour.
 
     A bilateral filter as wide as objects are. Blocks are gathered in bins of colour (h, w, 3), of levels in
-    [0, 1] as `at_places` returns it, and position, all of which are weighed against each other (Chen, Paris
-    and Durand, Real-time edge-aware image processing with the bilateral grid, SIGGRAPH 2007), and the means
-    follow the picture's edges.
+    [0, 1] as `block_gradients` returns it, and position, all of which are weighed against each other (Chen,
+    Paris and Durand, Real-time edge-aware image processing with the bilateral grid, SIGGRAPH 2007), and the
+    means follow the picture's edges.
     """
     y, x = np.mgrid[: values.shape[0], : values.shape[1]] / (NEAR * values.shape[1])
     features = np.dstack([colour / np.array([LUMA, COLOUR, COLOUR]), x, y]).reshape(-1, 5)
