@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
+from blur2view.colmap.project import connect
 from blur2view.errors import DatabaseError, RunError
 from blur2view.processes import follow_parent, spawn_context
 
@@ -160,7 +161,7 @@ def _rows(database: Path, sql: str) -> list[tuple[Any, ...]]:
     if not database.is_file():
         return []
     try:
-        with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True)) as opened:
+        with closing(connect(database, "mode=ro")) as opened:
             return opened.execute(sql).fetchall()
     except sqlite3.OperationalError:
         return []

@@ -158,7 +158,7 @@ def _made(
     """Return the scene of the ``listed`` frames, in a folder that no other call changes meanwhile."""
     with step("reading the video"):
         network = network or SmearNetwork()
-        scene = Scene(folder, _digest(video, listed, options, network))
+        scene = Scene(folder, _digest(listed, options, network))
     work, images = folder / WORK, folder / IMAGES
     network = KeptSmears(network, work / SMEARS)
 
@@ -238,11 +238,9 @@ def _made(
     return result
 
 
-def _digest(
-    video: Path, listed: Mapping[str, Source], options: ReconstructionOptions, network: SmearReader
-) -> str:
+def _digest(listed: Mapping[str, Source], options: ReconstructionOptions, network: SmearReader) -> str:
     """Return the SHA-256 of the frames' content, the options and the network."""
-    files = [video] if video.is_file() else [source.path for source in listed.values()]
+    files = list(dict.fromkeys(source.path for source in listed.values()))
     files += [network.path] if isinstance(network, SmearNetwork) else []
     every = __version__, [quick_digest(file) for file in files], list(listed), options, network.model_id
     return hashlib.sha256(repr(every).encode()).hexdigest()

@@ -16,6 +16,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -35,7 +36,7 @@ from blur2view.reconstruction.frames import Frame, chosen, content_of, plain_nam
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
-from blur2view.reconstruction.reconstruct import Reconstruction, _map, _write_transforms, reconstruct
+from blur2view.reconstruction.reconstruct import Reconstruction, _digest, _map, _write_transforms, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
 from blur2view.smears.grid import SmearGrid
 from tests.support.blurred_plane import BlurredPlane
@@ -157,6 +158,16 @@ def test_an_animated_gif_is_a_video_and_a_folder_of_videos_is_none(tmp_path: Pat
         sources_of(tmp_path)
 
 
+def test_a_video_is_digested_once_in_a_folder_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A digest of each frame would read the whole video as often as it has frames."""
+    first, second = (Image.fromarray(PLANE.render(k)) for k in (0, 1))
+    first.save(tmp_path / "a.gif", save_all=True, append_images=[second])
+    read = list[Path]()
+    monkeypatch.setattr("blur2view.reconstruction.reconstruct.quick_digest", lambda path: read.append(path))
+    network: Any = SimpleNamespace(model_id="")
+    assert _digest(dict(sources_of(tmp_path)), OPTIONS, network) and read == [tmp_path / "a.gif"]
+
+
 def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((8, 8, 3), np.uint8))
     with pytest.raises(ImageError, match="neither a video nor a folder"):
@@ -237,6 +248,13 @@ def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
     finally:
         signal.signal(signal.SIGALRM, before)
     assert not multiprocessing.active_children()
+
+
+def test_a_scene_may_be_called_with_marks_of_an_address(tmp_path: Path) -> None:
+    database = tmp_path / "a%20b#c?d.db"
+    pycolmap.Database.open(database).close()
+    assert mapping._rows(database, "SELECT 1") == [(1,)]
+    assert [path.name for path in tmp_path.iterdir()] == [database.name]
 
 
 def test_a_process_of_colmap_that_dies_is_named() -> None:
