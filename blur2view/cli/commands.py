@@ -111,7 +111,8 @@ def parse(words: Sequence[str]) -> Any:
         parser.print_help(sys.stdout)
         parser.exit()
     if command.startswith("-"):
-        parser.parse_args(words)
+        _, unexpected = parser.parse_known_args(words)
+        parser.error(f"unexpected argument: {' '.join(unexpected)}")
     near = "".join(f"; did you mean {name}?" for name in get_close_matches(command, COMMANDS, 1))
     parser.error(f"{command} is not a command{near}")
 

@@ -30,14 +30,8 @@ GROUPS = ("input", "output", "camera", "time", "estimation", "many photographs",
 """Titles of groups of options, in the order of the help."""
 MIN_LIKENESS = 0.8  # of an option to the word that was written, to be proposed; difflib's ratio
 MIN_FOCAL_PX = 100.0  # a smaller focal length needs its unit: it may be millimetres
-MESSAGES = {
-    "^argument ": "",
-    "^the following arguments are required: INPUT": "name photographs, a folder or a video",
-    "^the following arguments are required: ": "name ",
-    "^unrecognized arguments: (.*)": r"unexpected argument: \1",
-    r"invalid \w+ value: ": "expected a number, got ",
-}
-"""Patterns in the words of argparse, and what is printed in their place."""
+MEANT = {"INPUT": "photographs, a folder or a video"}
+"""What is asked for where an argument is missing, instead of its name."""
 
 
 def option(text: str, default: Any = None, *, rare: bool = False) -> Any:
@@ -165,7 +159,15 @@ class OneOf:
         return text
 
 
-READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: float}
+def real(text: str) -> float:
+    """Return a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentTypeError(f"expected a number, got {text!r}") from None
+
+
+READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: real}
 """What makes a value of a word, by the type of the field."""
 
 
@@ -199,8 +201,6 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Exit with one line, in which what a terminal would obey is written as escapes."""
-        for said, printed in MESSAGES.items():
-            message = re.sub(said, printed, message)
         self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
 
     def add_table(self, title: str, rows: str | Mapping[str, str]) -> None:
@@ -220,7 +220,9 @@ class CommandParser(Parser):
     """
 
     def __init__(self, command: str, kind: Any, *, everything: bool = False) -> None:
-        super().__init__(prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False)
+        super().__init__(
+            prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False, exit_on_error=False
+        )
         self.command, self.kind, self.everything = command, kind, everything
         self.description = words_of(kind)[1]
         more = f"all options and files: {self.prog} --help-all"
@@ -230,9 +232,10 @@ class CommandParser(Parser):
         self.add_argument("--help-all", action="help", help="show all options and files, and exit")
         self._sections: dict[str, Any] = {"options": self._optionals}
         self._add(kind, "options")
-        actions = [action for action in self._actions if action.required]
+        self._needed = [action for action in self._actions if action.required]
         self.usage = f"{self.prog} [OPTIONS]"
-        for action in actions:
+        for action in self._needed:
+            action.required = False  # `read` says what is missing
             words = [*action.option_strings[:1], str(action.metavar)]
             self.usage += " " + " ".join(words) + ("..." if action.nargs == "+" else "")
         if everything:
@@ -274,11 +277,26 @@ class CommandParser(Parser):
                 f"./{word}" if word.startswith("-") and word != "-" else word for word in words[at + 1 :]
             )
             words = [*words[:at], *files]
-        values = vars(self.parse_intermixed_args(words))
+        values, unexpected = self._values(words)
+        missing = [action for action in self._needed if values[action.dest] is None]
+        if missing:
+            names = ["/".join(action.option_strings) or str(action.metavar) for action in missing]
+            self.error(f"name {', '.join(MEANT.get(name, name) for name in names)}")
+        if unexpected:
+            self.error(f"unexpected argument: {' '.join(unexpected)}")
         try:
             return _made(self.kind, values)
         except (ValueError, CameraError) as error:
             self.error(str(error))
+
+    def _values(self, words: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
+        """Return the values of a command line by their names, and words that no option takes."""
+        try:
+            namespace, unexpected = self.parse_known_intermixed_args(words)
+        except argparse.ArgumentError as error:
+            name = "" if error.argument_name is None else f"{error.argument_name}: "
+            self.error(f"{name}{error.message}")
+        return vars(namespace), unexpected
 
     def _refuse_unknown(self, name: str) -> None:
         """Refuse a name that no option has, and propose a similar one; -out is not -o ut."""

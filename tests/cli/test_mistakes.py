@@ -13,6 +13,7 @@ MISTAKES = [
     ("estimate a.png --fokal 800", "--fokal is not an option of estimate; did you mean --focal?"),
     ("estimate", "name photographs, a folder or a video"),
     ("place project.db model frames", "name -o/--output"),
+    ("recover", "name MODEL, FRAMES, -o/--output"),
     ("to-transforms model frames", "unexpected argument: frames"),
     ("segment a.png -o out --masks COLMAP", "expected colmap, nerfstudio or instant-ngp, got COLMAP"),
     ("segment a.png --masks colmap", "--masks needs a folder of results; name it with -o"),
