@@ -1,9 +1,8 @@
 """Keypoints and matches for videos whose every frame is blurred, from a first model by COLMAP.
 
 In blurred frames SIFT matches few features, which are off by a pixel or more, and the poses are off as well.
-Here
-corners of each frame, and what was matched in it before, are tracked into the next frames: from where the
-first model projects them, by patches of equal blur (`blurred_pose`). They become keypoints and verified
+Here corners of each frame, and what was matched in it before, are tracked into the next frames: from where
+the first model projects them, by patches of equal blur (`blurred_pose`). They become keypoints and verified
 matches in a copy of the project's database, from which COLMAP maps anew.
 """
 

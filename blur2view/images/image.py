@@ -224,7 +224,8 @@ def _refuse_rare(path: Path, tags: Mapping[int, Any], *, colour: bool) -> None:
     bits = max(tags.get(BITS, (8,)))
     deep = bits > 8 and (tags.get(TONES) == 0 or (colour and tags.get(PLANES) == 2))  # inverted, or in planes
     if bits == 12 or deep or (bits == 8 and 2 in tags.get(SIGNS, ())):
-        raise ImageError(f"{path}: is a TIFF that cannot be read (inverted, or in planes); save it as PNG")
+        kind = "of 12 bits, of signed bytes, inverted, or in planes"
+        raise ImageError(f"{path}: is a TIFF of a kind that cannot be read ({kind}); save it as PNG")
 
 
 def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:
