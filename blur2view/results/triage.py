@@ -1,12 +1,13 @@
 """Which photographs are sharp: the command ``triage`` as a function."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
-from blur2view.images.inputs import Source, list_photographs
+from blur2view.images.inputs import Inputs, Source, list_photographs, timestamp_of
+from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.results.record import Record
@@ -56,19 +57,34 @@ def triage(
     words = [paths] if isinstance(paths, str | os.PathLike) else paths
     inputs = list_photographs([os.fspath(word) for word in words])
     look = partial(_look, network or SmearNetwork(), max_smear_px, max_defocus_px)
-    return map(look, inputs.names(), inputs.sources)
+    return _records(look, inputs)
+
+
+def _records(look: Callable[[str, Source], Record], inputs: Inputs) -> Iterator[Record]:
+    """Yield records; a video that is cut off fails once, and frames that were never recorded have none."""
+    cut = set[Path]()
+    for name, source in zip(inputs.names(), inputs.sources, strict=True):
+        try:
+            yield look(name, source)
+        except EndOfVideo as end:
+            if not end.whole and source.path not in cut:
+                cut.add(source.path)
+                yield Record(name=name, error=str(end))
 
 
 def _look(
     network: SmearReader, max_smear_px: float, max_defocus_px: float, name: str, source: Source
 ) -> Record:
-    """Return the record of one photograph."""
+    """Return the record of one photograph; EndOfVideo if its video ends before."""
     try:
         if source.refusal:
             raise ImageError(source.refusal)
         picture = read_picture(source.path, content=None if source.frame is None else source.read())
+        time_s = timestamp_of(source.name) if source.frame is None else frame_time(source.path, source.frame)
         seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
+    except EndOfVideo:
+        raise
     except (ImageError, ValueError) as error:
         return Record(name=name, error=str(error))
-    record = Record.from_estimate(seen, name=name, frame=source.frame, timestamp_s=source.time_s)
+    record = Record.from_estimate(seen, name=name, frame=source.frame, timestamp_s=time_s)
     return record.without_geometry().with_use(max_smear_px, max_defocus_px)

@@ -7,9 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.images.video import read_frame
+from blur2view.images.inputs import Inputs, Source
+from blur2view.images.video import EndOfVideo, read_frame
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.results.triage import triage
+from blur2view.results.record import Record
+from blur2view.results.triage import _records, triage
 from tests.support.calls import Call, table
 from tests.support.colour_code import forward_motion
 from tests.support.many_photographs import contents, write_frames
@@ -19,12 +21,30 @@ def test_the_function_says_what_the_command_does(
     frames: Path, call: Call, tiny_model: Path, tmp_path: Path
 ) -> None:
     (frames / "damaged.png").write_bytes((frames / "still.png").read_bytes()[:40])
+    shutil.move(frames / "still.png", frames / "1403636579.763.png")
     call("triage", frames, "--max-smear", 1e4, "--csv", tmp_path / "t.csv")
     found = list(triage(frames, max_smear_px=1e4, network=SmearNetwork(tiny_model)))
-    columns = "name", "use", "verdict", "error"
-    said = [[getattr(record, key) for key in columns] for record in found]
+    columns = "name", "use", "verdict", "error", "timestamp_s"
+    said = [[str(getattr(record, key) or "") for key in columns] for record in found]
     assert said == [[row[key] for key in columns] for row in table(tmp_path / "t.csv")]
-    assert [bool(record.error) for record in found] == [False, True, False]
+    assert [bool(record.error) for record in found] == [False, False, True]
+
+
+@pytest.mark.parametrize(("whole", "errors"), [(True, ["", ""]), (False, ["", "", "ends after 2"])])
+def test_the_function_gives_no_record_of_a_frame_that_was_never_recorded(
+    whole: bool, errors: list[str]
+) -> None:
+    """A video that is cut off fails once."""
+
+    def look(name: str, source: Source) -> Record:
+        if (source.frame or 0) < 2:
+            return Record(name=name)
+        end = EndOfVideo("ends after 2")
+        end.whole = whole
+        raise end
+
+    sources = [Source(path=Path("clip.mp4"), frame=number) for number in range(4)]
+    assert [record.error for record in _records(look, Inputs(sources=sources))] == errors
 
 
 @pytest.mark.slow
