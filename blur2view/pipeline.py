@@ -93,7 +93,7 @@ def estimate(
         Intrinsics of this photograph, for its size; with them, of a rolling shutter, the geometry is that of
         an exposure of all rows at once, another one for each order in time (``geometry.reversed()``).
     detail : Detail
-        ``Detail.RANKING`` reads fewer windows.
+        ``Detail.RANKING`` reads fewer windows, unless a geometry is fitted.
     geometry : bool
         False asks for the blur alone, which is the same, and saves the fit of a geometry: neither F nor H.
 
@@ -134,9 +134,12 @@ def estimate(
     if remedy := unusable_size(width, height):
         raise ValueError(f"a photograph of {width}x{height} pixels cannot be used; {remedy}")
     evidence, moving = _seen(image, network, Detail(detail))
-    matches, blur = select_matches(evidence.grid, select), evidence.blur
+    grid, blur = evidence.grid, evidence.blur
+    if geometry and blur.kind.of_camera and not evidence.every_window:
+        grid = network.predict(image)  # F fits some 48 smears of any kind
+    matches = select_matches(grid, select)
     if blur.kind.of_camera:
-        rng, moved = np.random.default_rng(rng or 0), evidence.grid.kinds is not None
+        rng, moved = np.random.default_rng(rng or 0), grid.kinds is not None
         found = (
             estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
             if geometry or not moved  # without kinds of blur the fit alone tells whether the camera moved
@@ -146,7 +149,7 @@ def estimate(
     else:
         found = without_motion(matches, blur)
     return Estimate(
-        grid=evidence.grid,
+        grid=grid,
         blur=blur,
         matches=matches,
         geometry=found,

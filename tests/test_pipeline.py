@@ -210,3 +210,11 @@ def test_four_threads_with_one_network_give_the_same_bytes(network: SmearNetwork
     with ThreadPoolExecutor(4) as pool:
         together = pool.map(lambda one: numbers(estimate(one, network=network, camera=CAMERA)), 2 * pictures)
         assert list(together) == 2 * alone
+
+
+@pytest.mark.parametrize("geometry", [False, True])
+def test_a_cheap_look_is_enough_for_the_blur_and_not_for_a_geometry(geometry: bool) -> None:
+    reader = Reader(SMEARED, differs=False)
+    image = np.round(255 * PICTURE).astype(np.uint8)
+    estimate(image, network=reader, detail=Detail.RANKING, geometry=geometry)
+    assert reader.details == [Detail.RANKING, Detail.GEOMETRY][: 1 + geometry]

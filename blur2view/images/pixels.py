@@ -109,9 +109,9 @@ def over_backdrop(values: Floats) -> Floats:
     return np.asarray(BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:], np.float32)
 
 
-def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
+def gain_of(image: AnyArray, brightness: float = BRIGHT, samples: int = MIN_SAMPLES) -> float:
     """Return the factor, from 1 to `MAX_GAIN`, that brings a photograph's bright values to a brightness."""
-    every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / MIN_SAMPLES)), 1)
+    every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / samples)), 1)
     values = image[::every, ::every].reshape(-1)
     rank = min(int(QUANTILE * len(values)), len(values) - 1)
     bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_of(image)))

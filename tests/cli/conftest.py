@@ -24,8 +24,8 @@ def frames(tmp_path: Path) -> Path:
     write_picture(folder / "still.png", colour_code(np.zeros((64, 80, 2)), texture))
     write_picture(folder / "left" / "moving.png", colour_code(forward_motion(), 1.0))
     rng = np.random.default_rng(0)
-    cells = rng.normal(0, 12, (12, 16, 2))  # small enough that triage reads all of them
-    chaos = np.repeat(np.repeat(cells, 32, 0), 32, 1)
+    cells = rng.normal(0, 16, (12, 16, 2))  # four in each window of triage
+    chaos = np.repeat(np.repeat(cells, 48, 0), 48, 1)
     write_picture(folder / "chaos.png", colour_code(chaos, 1.0))
     return folder
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
-from blur2view.networks.smear_network import octaves
+from blur2view.networks.octaves import octaves
 from blur2view.networks.spectra import polar_cepstra, power_spectra, windows_of
 from blur2view.smears.grid import from_double_angle, to_double_angle
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks import smear_network
-from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork
+from blur2view.networks.octaves import UNSEEN_SIGMA_PX
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.grid import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg

@@ -62,11 +62,11 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     error_deg = direction_error_deg(field.displacement, true)
     sure = field.sigma_rad <= np.median(field.sigma_rad)
     blur = estimate.blur
-    triaged = blur2view.estimate(picture.image, network=network, detail=Detail.RANKING).blur.kind
+    look = blur2view.estimate(picture.image, network=network, detail=Detail.RANKING, geometry=False)
     return Seen(
         picture=replace(picture, image=np.empty(0)),
         kind=blur.kind,
-        triaged=triaged,
+        triaged=look.blur.kind,
         direction_deg=float(np.median(error_deg)),
         sure_deg=float(np.median(error_deg[sure])),
         length_px=float(np.median(field.length_px[sure])),
