@@ -264,7 +264,7 @@ def locked(folder: Path, *, alone: bool = False) -> Iterator[None]:
     waited for: then the later of two writers wins, file by file. A call that works there ``alone``, and
     writes files as others do, does not begin: OutputError if another one is there.
     """
-    if (real := os.path.realpath(folder)) in _ALONE_IN:
+    if (real := os.path.realpath(folder)) in _ALONE_IN and not alone:
         yield
         return
     descriptor, taken = None, False

@@ -138,6 +138,15 @@ def test_a_scene_that_another_call_makes_is_left_to_it(tmp_path: Path) -> None:
     assert done.returncode == 1 and "another call writes there; let it end" in done.stderr
 
 
+def test_a_scene_that_another_thread_makes_is_left_to_it(tmp_path: Path) -> None:
+    with locked(tmp_path, alone=True):
+        with pytest.raises(OutputError, match="another call writes there"), locked(tmp_path, alone=True):
+            pass
+        write_file(tmp_path / "a", b"written at once")
+    with locked(tmp_path, alone=True):
+        pass
+
+
 def test_frames_that_colmap_does_not_read_become_png(tmp_path: Path) -> None:
     picture = PLANE.render(0)
     for name in ("a.webp", "b.PNG", "c.jp2"):
