@@ -100,7 +100,8 @@ class _Plot:
     bottom = HEIGHT - MARGIN
 
     def __init__(self, frames: Sequence[Seen], top: float) -> None:
-        self.first, self.last = frames[0].number, max(frames[-1].number, frames[0].number + 1)
+        numbers = [frame.number for frame in frames]  # in the order in which they were named
+        self.first, self.last = min(numbers), max(*numbers, min(numbers) + 1)
         self.top = max(top, 1e-9)
 
     def x(self, frame: Seen) -> float:

@@ -58,6 +58,9 @@ def test_of_a_video_it_shows_smears_and_turning_over_time(
     shown = [(replace(one, name=f"a.mp4/{k:06d}", frame=k), entry[1]) for k in range(count)]
     page = report([*shown, entry], "1.2").decode()
     assert page.count("<svg") == pictures
+    reverse = report([*reversed(shown), entry], "1.2").decode()
+    marks = [re.findall(r'<circle cx="([^"]*)"', one) for one in (page, reverse)]
+    assert set(marks[0]) == set(marks[1])  # by their numbers, in whichever order they were named
     assert page.count('<a href="#photo-1"><circle') == pictures
     degrees = np.degrees(0.01 * 3**0.5)
     assert (f"a.mp4/000001: {degrees:.3g} +/- " in page) == (pictures == 2)
