@@ -108,7 +108,8 @@ def reconstruct(
     network
         Reads smears; by default a new `SmearNetwork`.
     jobs
-        Processes that recover frames, by default one per core; any number gives the same scene.
+        Processes that recover frames, by default one per core; any number gives the same scene. COLMAP runs
+        in a process, too, so that a script calls this under ``if __name__ == "__main__":``.
     step
         Is entered for each step with its name; gives what gets how many parts are done, of how many.
 
@@ -130,8 +131,9 @@ def reconstruct(
     --------
     A scene of a video, of minutes of work, and how many of its frames have a pose::
 
-        scene = blur2view.reconstruct("clip.mp4", "scene")
-        print(len(scene.registered), len(scene.recovered), dict(scene.refused))
+        if __name__ == "__main__":
+            scene = blur2view.reconstruct("clip.mp4", "scene")
+            print(len(scene.registered), len(scene.recovered), dict(scene.refused))
     """
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
