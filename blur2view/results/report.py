@@ -27,7 +27,8 @@ from blur2view.results.record import Record, entries
 from blur2view.results.verdict import turned
 
 SIDE_PX, THUMBNAIL_PX = 960, 96  # bounds of the longer side of pictures; the page shows them as large
-QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP: photographs of 960 pixels have some 15 kB
+QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP
+LEVELS = (6, 6, 6, 16)  # of red, green, blue and opacity, in layers of lines and of what moves
 MIN_FRAMES = 3  # of a video, whose blur is shown over time
 ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
 LAYERS = {
@@ -85,7 +86,8 @@ def section(record: Record, estimate: Estimate, image: AnyArray, mask: MotionMas
         checked = " checked" if name == "smears" else ""
         boxes += f'<label><input type="checkbox" class="{name}"{checked}> {title}</label>'
         words += f" {text}"
-        uri = _webp(_straight(_reduced(layer, SIDE_PX)), LAYER_QUALITY)
+        drawn = _straight(_reduced(layer, SIDE_PX))
+        uri = _webp(drawn if name == "errors" else _in_few_levels(drawn), LAYER_QUALITY)
         pictures = f'<img class="{name}" src="{uri}" alt="{title}">{pictures}'  # the first lies on top
     photograph = _reduced(shown(image), SIDE_PX)
     height, width = photograph.shape[:2]
@@ -211,6 +213,14 @@ def _reduced(picture: Picture, side: int) -> Picture:
     if scale >= 1:
         return picture
     return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _in_few_levels(layer: Picture) -> Picture:
+    """Return a layer of plain colours in `LEVELS` of each channel, for smaller WebP pictures."""
+    steps = np.rint(255 / (np.array(LEVELS) - 1)).astype(np.float32)
+    levels = (np.rint(layer / steps) * steps).astype(np.uint8)
+    levels[levels[..., 3] == 0] = 0
+    return levels
 
 
 def _webp(picture: Picture, quality: int) -> str:
