@@ -50,6 +50,8 @@ def look(network: OnnxNetwork, features: int, image: AnyArray, brightness: float
     stride = stride_of(height, width)
     first = (stride - 1) / 2
     middles = [np.minimum(np.arange(first, side + first, stride), side - 1) for side in (height, width)]
+    rows, columns = (len(middle) for middle in middles)
+    middles = [np.repeat(middle, 2 if len(middle) == 1 else 1) for middle in middles]  # the network needs two
     pictures = [_grey(image, gain_of(image, brightness, SAMPLES))]
     for _ in range(first_octave(height, width)):
         pictures.append(_halved(pictures[-1]))
@@ -62,7 +64,7 @@ def look(network: OnnxNetwork, features: int, image: AnyArray, brightness: float
             break
     assert read is not None
     cells, blur = np.split(values_of(read, read_smears(read.smears), k), [4], axis=-1)
-    cells, blur = with_flat(cells, blur, flat)
+    cells, blur = (values[:rows, :columns] for values in with_flat(cells, blur, flat))
     return SmearGrid(cells=cells, blur=blur, stride=stride, shape=(height, width), window_px=WINDOW_PX << k)
 
 

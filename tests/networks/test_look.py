@@ -54,3 +54,14 @@ def test_cells_without_texture_show_nothing_and_the_others_do() -> None:
     sigma_px = SmearNetwork().predict(image, detail=Detail.RANKING).sigma_px
     np.testing.assert_array_equal(sigma_px[:, 0], UNSEEN_SIGMA_PX)
     assert (sigma_px[:, -2] < 10).all()
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "cells"), [(16, 16, (1, 1)), (20, 300, (1, 10)), (600, 25, (19, 1))]
+)
+def test_small_photographs_and_strips_are_read_in_the_cells_that_they_have(
+    height: int, width: int, cells: tuple[int, int]
+) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (height, width), np.uint8)
+    grid = SmearNetwork().predict(image, detail=Detail.RANKING)
+    assert grid.shape == (height, width) and grid.cells.shape[:2] == cells
