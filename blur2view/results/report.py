@@ -61,6 +61,7 @@ figure { position: relative; margin: 8px 0; max-width: 960px; }
 img { display: block; width: 100%; height: auto; }
 img + img { position: absolute; top: 0; height: 100%; }
 label { margin-right: 16px; }
+@media print { article { break-before: page; border: 0; margin: 0; } tr { break-inside: avoid; } }
 """ + "".join(f"article:has(input.{name}:not(:checked)) img.{name} {{ display: none; }}\n" for name in LAYERS)
 
 

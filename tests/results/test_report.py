@@ -76,7 +76,7 @@ def test_layers_are_pictures_of_one_size_that_checkboxes_show_and_words_explain(
     assert opacity["moves"][9, 9] > 0 and not opacity["moves"][9, -9] and (opacity["errors"] > 0).all()
     for name in opacity:
         assert f'type="checkbox" class="{name}"' in page and f"input.{name}:not(:checked)" in page
-    for words in ("Smears: coloured", "White lines", "Pink moves", "Uncertainty: "):
+    for words in ("coloured by direction", "White lines", "is pink", "Standard deviations"):
         assert words in page
 
 
