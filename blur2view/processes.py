@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 
+from blur2view.errors import RunError
+
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing.context import SpawnContext
@@ -34,6 +36,12 @@ def spawn_context() -> "SpawnContext":
 
     os.environ["PYTHONSAFEPATH"] = "1"
     return get_context("spawn")
+
+
+def not_started(error: OSError) -> RunError:
+    """Return the error of processes that the system does not start."""
+    remedy = "free some memory, or ask for fewer with --jobs"
+    return RunError(f"processes cannot be started ({error.strerror or error}); {remedy}")
 
 
 def processes(

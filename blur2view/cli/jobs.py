@@ -21,7 +21,7 @@ from blur2view.files import quick_digest, write_beside
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
-from blur2view.processes import processes
+from blur2view.processes import not_started, processes
 from blur2view.results.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
@@ -105,8 +105,7 @@ def in_processes(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, cou
         executor = Restarted(start, BrokenExecutor, Shared if count > 1 else as_it_is)
         yield from _in_order(work, jobs, find, look, executor, lambda: slots)
     except OSError as error:
-        reason = f"{error.strerror or error}; ask for fewer with --jobs"
-        raise RunError(f"processes cannot be started ({reason})") from None
+        raise not_started(error) from None
 
 
 def in_cluster(work: Work, jobs: Iterable[Job], find: Find, look: Look, *, address: str) -> Done:

@@ -26,7 +26,7 @@ from blur2view.files import (
     write_file,
 )
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
-from blur2view.processes import processes, spawn_context
+from blur2view.processes import not_started, processes, spawn_context
 
 GENERATOR = "blur2view recover"
 Result = RecoveredFrame | str
@@ -114,7 +114,10 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
     pending: list[Future[Result]] = []
 
     def try_frames(names: Sequence[str], poses: Mapping[str, Array]) -> Iterator[Result]:
-        pending[:] = [pool.submit(_try_frame, name, poses) for name in names]
+        try:
+            pending[:] = [pool.submit(_try_frame, name, poses) for name in names]
+        except OSError as error:
+            raise not_started(error) from None
         for future in list(pending):
             yield future.result()
 

@@ -11,7 +11,7 @@ import numpy as np
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
 from blur2view.colmap.project import connect
 from blur2view.errors import DatabaseError, RunError
-from blur2view.processes import follow_parent, spawn_context
+from blur2view.processes import follow_parent, not_started, spawn_context
 
 EXHAUSTIVE = 150  # frames up to which all pairs are matched
 LOOP_STEP = 10  # one in so many frames is matched with all others of these, which finds loops
@@ -23,7 +23,7 @@ PANORAMIC = (4, 5, 6)  # COLMAP's configurations of planes, rotations, and eithe
 def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
     """Return what a function returns that a process of its own runs: Ctrl-C, which pycolmap ignores, ends it.
 
-    RunError if the process dies.
+    RunError if the process dies, or cannot be started.
     """
     import pycolmap
 
@@ -31,7 +31,10 @@ def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
     answers, answer = context.Pipe(duplex=False)
     start = context.Event(), answer, pycolmap.logging.minloglevel, call, given, options
     process = context.Process(target=_answer, args=start)
-    process.start()
+    try:
+        process.start()
+    except OSError as error:
+        raise not_started(error) from None
     answer.close()
     try:
         result = answers.recv()

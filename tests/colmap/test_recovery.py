@@ -1,5 +1,7 @@
 """Frames put into a model that lacks them: exact renderings, refusals, what a user's model keeps."""
 
+import errno
+import os
 import sqlite3
 from collections.abc import Collection
 from contextlib import closing
@@ -28,7 +30,7 @@ from blur2view.colmap.frame_sequence import (
 from blur2view.colmap.models import observed, photographs_of
 from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
-from blur2view.errors import DatabaseError, OutputError
+from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.exposure.trajectory import CameraPath, Expected, changed, relative_motion
 from tests.support.blurred_plane import FOCAL, SIZE, BlurredPlane, ExactSmears
 
@@ -165,6 +167,17 @@ def test_any_number_of_processes_gives_the_same(
     for name, frame in found.recovered.items():
         np.testing.assert_array_equal(frame.pose, recovery.recovered[name].pose)
         np.testing.assert_array_equal(frame.covariance, recovery.recovered[name].covariance)
+
+
+def test_processes_that_do_not_start_are_named(
+    folder: Path, network: ExactSmears, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(process: object) -> None:
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", start)
+    with pytest.raises(RunError, match=r"processes cannot be started .* fewer with --jobs"):
+        recover_frames(folder / "model", folder / "frames", network=network, jobs=2)  # type: ignore[arg-type]
 
 
 def test_a_killed_call_goes_on_to_the_same_model(

@@ -1,5 +1,6 @@
 """A scene of a video: its files, which steps are done again, what is refused, and the report's page."""
 
+import errno
 import json
 import multiprocessing
 import os
@@ -264,6 +265,15 @@ def test_a_scene_may_be_called_with_marks_of_an_address(tmp_path: Path) -> None:
     pycolmap.Database.open(database).close()
     assert mapping._rows(database, "SELECT 1") == [(1,)]
     assert [path.name for path in tmp_path.iterdir()] == [database.name]
+
+
+def test_a_process_of_colmap_that_does_not_start_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(process: Any) -> None:
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", start)
+    with pytest.raises(RunError, match=r"cannot be started \(Resource temporarily unavailable\); free"):
+        mapping.in_process(os.getpid)
 
 
 def test_a_process_of_colmap_that_dies_is_named() -> None:
