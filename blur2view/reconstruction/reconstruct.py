@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path, PurePath
 from statistics import median
 from typing import Any
@@ -233,7 +234,7 @@ def _made(
         return REPORT
 
     scene.step("report", [REPORT], write_report)
-    for rest in ("models", "stretched", MASKS, SMEARS):
+    for rest in ("models", "placed", "stretched", MASKS, SMEARS):
         shutil.rmtree(work / rest, ignore_errors=True)
     for database in work.glob("matches_*.db"):
         database.unlink()
@@ -276,16 +277,19 @@ def _map(
 ) -> dict[str, Any]:
     """Write COLMAP's database and its largest model; DatabaseError if it makes none."""
     work, images, models = folder / WORK, folder / IMAGES, list[Any]()
-    for blurred in (False, True):
-        database = work / f"matches_{blurred:d}.db"
-        with step("finding and matching features" + (" of blurred frames" if blurred else "")):
-            readable = _stretched(images, work / "stretched", names) if blurred else images
-            mapping.match(database, readable, names, camera=options.for_colmap, blurred=blurred)
-        with step("mapping"):
-            shutil.rmtree(work / "models", ignore_errors=True)
-            there = work / "models"
+    for blurred, again in product((False, True), (False, True)):
+        if again and options.mapper == "global":
+            continue
+        database, there = work / f"matches_{blurred:d}.db", work / "models"
+        if not again:
+            with step("finding and matching features" + (" of blurred frames" if blurred else "")):
+                readable = _stretched(images, work / "stretched", names) if blurred else images
+                mapping.match(database, readable, names, camera=options.for_colmap, blurred=blurred)
+        with step("mapping" + (" again" if again else "")):
+            shutil.rmtree(there, ignore_errors=True)
+            known = bool(options.camera)
             found = mapping.mapped(
-                database, images, there, mapper=options.mapper, camera_known=bool(options.camera)
+                database, images, there, mapper=options.mapper, camera_known=known, again=again
             )
         if found and (not models or found[0].num_reg_images() > models[0].num_reg_images()):
             models = found
@@ -313,6 +317,11 @@ def _recover(
     """Write the model with what is recovered, with and without views."""
     with step("recovering frames") as show:
         sequence = FrameSequence(folder / WORK / "model", folder / IMAGES, names, network)
+        if misplaced := [sequence.model.find_image_with_name(name) for name in sequence.misplaced()]:
+            for image in misplaced:
+                sequence.model.deregister_frame(image.frame_id)
+            write_model(sequence.model, folder / WORK / "placed", folder / IMAGES, folder / DATABASE)
+            sequence = FrameSequence(folder / WORK / "placed", folder / IMAGES, names, network)
         notes = Notes(folder / WORK / "recovering.jsonl", sequence)
         recover_all(sequence, jobs=jobs, notes=notes, show=show)
         found = recovery_of(sequence, ids_of(folder / DATABASE), views=True)

@@ -384,6 +384,22 @@ DAMAGES = {
 }
 
 
+def test_a_registered_frame_with_few_points_and_off_the_path_is_misplaced(
+    folder: Path, network: ExactSmears
+) -> None:
+    sequence = FrameSequence(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
+    assert sequence.misplaced() == []
+    right, name = sequence.poses["f_6.png"], "f_6.png"
+    sequence.poses[name] = changed(right, np.array([1.5, 0, 0, 0, 0, 0]))
+    assert sequence.misplaced() == []  # COLMAP saw many points from there
+    image = sequence.images[name]
+    for index in list(observed(sequence.model, image))[5:]:
+        sequence.model.delete_observation(image.image_id, index)
+    assert sequence.misplaced() == [name]
+    sequence.poses[name] = right
+    assert sequence.misplaced() == []
+
+
 @pytest.mark.parametrize("reason", DAMAGES)
 def test_project_that_takes_no_tracks_is_refused_before_any_matching(tmp_path: Path, reason: str) -> None:
     write_project(tmp_path / "project.db", np.ones((1, 6), np.float32))

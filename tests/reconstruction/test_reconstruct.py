@@ -227,6 +227,17 @@ def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
     assert camera.has_prior_focal_length and camera.focal_length == pytest.approx(stated, rel=1e-3)
 
 
+def test_only_an_unknown_focal_length_is_guessed_anew(tmp_path: Path) -> None:
+    for name, camera in {"a": ("PINHOLE", ""), "b": ("PINHOLE", "220,220,120,90")}.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), PLANE.render(0))
+        mapping.match(tmp_path / f"{name}.db", tmp_path, [f"{name}.png"], camera=camera, blurred=False)
+        mapping._guess_focal_length(tmp_path / f"{name}.db")
+        with pycolmap.Database.open(tmp_path / f"{name}.db") as database:
+            (known,) = database.read_all_cameras()
+        focal_px = 0.85 * 240 if name == "a" else 220
+        assert list(known.params) == pytest.approx([focal_px, focal_px, 120, 90])
+
+
 def test_smears_are_read_once_also_by_another_process(tmp_path: Path) -> None:
     network, asked = SmearNetwork(), list[AnyArray]()
 
@@ -316,6 +327,23 @@ def colmap(video: Path) -> Iterator[list[str]]:
 def whole(video: Path, colmap: list[str]) -> Reconstruction:
     """Return a scene that was made in one call."""
     return reconstruct(video / "frames", video.parent / "whole", OPTIONS, jobs=1)
+
+
+def test_a_model_that_is_too_small_is_tried_again_before_frames_are_read_anew(
+    video: Path, colmap: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(video / "frames", tmp_path / "images")
+    (tmp_path / "work").mkdir()
+    tries = list[bool]()
+
+    def mapped(*given: Any, again: bool, **options: Any) -> list[Any]:
+        tries.append(again)
+        return [pycolmap.Reconstruction(video / "model")] if again else []
+
+    monkeypatch.setattr(mapping, "mapped", mapped)
+    before = len(colmap)
+    _map(tmp_path, PLANE.names, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None))
+    assert tries == [False, True] and colmap[before:] == ["match"]
 
 
 def contents(scene: Path) -> dict[str, bytes]:
