@@ -2,13 +2,14 @@
 
 ``python -m tools.evaluation.benchmark --out tools/results/benchmark.md`` renders one 1280x720 scene and times
 every step of an estimate of the blurred photograph, and SIFT, matching and pycolmap's F on the two SHARP ends
-of the same exposure; a whole process; and ``blur2view triage`` of a video by one process. Speeds of machines
-differ: read the ratios.
+of the same exposure; a whole process; and ``blur2view triage`` of videos of three sizes by one process,
+beside decoding them, FFmpeg's blurdetect and the Laplacian. Speeds of machines differ: read the ratios.
 """
 
 import compileall
 import os
 import platform
+import resource
 import subprocess
 import sys
 import tempfile
@@ -16,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from shutil import which
 from statistics import median
 from typing import Any
 
@@ -30,8 +32,10 @@ from tools.datasets.testset import write_scene
 from tools.rendering.render import RenderOptions
 
 SIZE = (1280, 720)
-SCENE, FRAMES = 3, 20  # index in the test split of the scene that is timed; frames of the video
+SCENE = 3  # index in the test split of the scene that is timed
+VIDEOS = {(640, 480): 120, (1920, 1080): 60, (3840, 2160): 24}  # frames of videos by their size
 ROOT = Path(__file__).resolve().parents[2]
+BLUR2VIEW = [sys.executable, "-m", "blur2view"]
 
 
 def timed(work: Callable[[], Any], repeats: int) -> float:
@@ -75,22 +79,59 @@ def step_rows(photo: Path, ends: list[Path], repeats: int) -> list[tuple[str, ..
 
 
 def process_rows(folder: Path, blurred: AnyArray, repeats: int) -> Iterator[tuple[str, ...]]:
-    """Yield rows of whole processes: seconds, and frames a second of a video."""
-    photo, video = folder / "a.jpg", folder / "a.avi"
+    """Yield the row of a whole process: seconds."""
+    photo = folder / "a.jpg"
     cv2.imwrite(str(photo), blurred)
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, SIZE)
-    for k in range(FRAMES):
-        writer.write(np.roll(blurred, 8 * k, axis=1))
-    writer.release()
+    command = [*BLUR2VIEW, "estimate", str(photo), "-o", str(folder)]
+    work = partial(subprocess.run, command, stdout=subprocess.DEVNULL, cwd=ROOT, check=True)
+    yield "1280x720", f"{timed(work, repeats):.2f}"
 
-    def seconds(*words: object) -> float:
-        command = [sys.executable, "-m", "blur2view", *map(str, words)]
-        work = partial(subprocess.run, command, stdout=subprocess.DEVNULL, cwd=ROOT, check=True)
-        return timed(work, repeats)
 
-    yield "1280x720", f"{seconds('estimate', photo, '-o', folder):.2f}", ""
-    triage_s = seconds("triage", video, "--jobs", 1)
-    yield "triage of a video", f"{triage_s:.2f}", f"{FRAMES / triage_s:.1f} frames a second"
+def video_rows(folder: Path, blurred: AnyArray, sharp: AnyArray) -> Iterator[tuple[str, ...]]:
+    """Yield rows of ways to look at the frames of a video: processor seconds a frame, over decoding's."""
+    ways: dict[str, list[str]] = {}
+    for size, count in VIDEOS.items():
+        video, every = folder / f"{size[0]}.mp4", [cv2.resize(one, size) for one in (blurred, sharp)]
+        writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 30, size)
+        for k in range(count):
+            writer.write(np.roll(every[k % 3 == 0], 8 * k, axis=1))
+        writer.release()
+        seconds = {
+            "decoding by OpenCV": decoded(video, lambda frame: None),
+            "variance of the Laplacian": decoded(video, laplacian),
+        }
+        if which("ffmpeg"):
+            words = ["ffmpeg", "-v", "error", "-i", str(video)]
+            seconds["decoding by FFmpeg"] = processor_s([*words, "-f", "null", "-"])
+            seconds["FFmpeg's blurdetect"] = processor_s([*words, "-vf", "blurdetect", "-f", "null", "-"])
+        triage, keep = [*BLUR2VIEW, "triage", str(video), "--jobs", "1"], str(folder / f"{size[0]}.txt")
+        seconds["`triage --every-best 10`"] = processor_s([*triage, "--every-best", "10", "--keep", keep])
+        seconds["`triage`"] = processor_s(triage)
+        for way, whole in seconds.items():
+            share = whole / seconds["decoding by OpenCV"]
+            ways.setdefault(way, []).append(f"{whole / count:.3f} ({share:.1f})")
+    yield from ((way, *cells) for way, cells in ways.items())
+
+
+def decoded(video: Path, look: Callable[[AnyArray], Any]) -> float:
+    """Return the processor seconds of looking at every frame of a video."""
+    start, capture = time.process_time(), cv2.VideoCapture(str(video))
+    while (read := capture.read())[0]:
+        look(read[1])
+    return time.process_time() - start
+
+
+def laplacian(frame: AnyArray) -> float:
+    """Return the variance of the Laplacian of a frame (H, W, 3), by which people choose frames."""
+    return float(cv2.Laplacian(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), cv2.CV_64F).var())
+
+
+def processor_s(command: list[str]) -> float:
+    """Return the processor seconds of a whole process."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, stdout=subprocess.DEVNULL, cwd=ROOT, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def machine() -> str:
@@ -109,12 +150,17 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
         write_scene(("", SCENE), folder, RenderOptions(size=SIZE, smear_px=(15.0, 20.0)))
         photo, *ends = (folder / f"{SCENE:04d}{end}.png" for end in ("", "_open", "_close"))
         steps = step_rows(photo, ends, repeats)
-        processes = list(process_rows(folder, np.asarray(cv2.imread(str(photo))), max(3, repeats // 3)))
+        blurred, sharp = (np.asarray(cv2.imread(str(path))) for path in (photo, ends[0]))
+        processes = list(process_rows(folder, blurred, max(3, repeats // 3)))
+        videos = list(video_rows(folder, blurred, sharp))
     publish(
         out,
         f"{machine()}; medians of {repeats} runs, of whole processes fewer.",
         table("step, 1280x720, warm | seconds | over the classical alternative", steps),
-        table("process | seconds | rate", processes),
+        table("`estimate`, whole process | seconds", processes),
+        "Processor seconds a frame of whole processes, start included; in brackets over decoding by OpenCV. "
+        f"Videos of {', '.join(map(str, VIDEOS.values()))} frames, a third of them sharp.",
+        table(f"way | {' | '.join(f'{width}x{height}' for width, height in VIDEOS)}", videos),
     )
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.pose import rotation_matrix
-from tools.rendering.render import Exposure, mean_frame, paint
-from tools.rendering.scene import Trajectory, sample_layers
+from tools.rendering.render import Exposure, grid_points, mean_frame, paint, stencil_alpha
+from tools.rendering.scene import Layer, Trajectory, sample_layers
 from tools.rendering.sensor import sharp_photograph
 from tools.rendering.textures import photographs
 
@@ -84,6 +84,30 @@ def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Sh
     return [replace(shake, middle_s=float(middle), exposure_s=exposure_s) for middle in middles]
 
 
+def _sample_scene(rng: np.random.Generator, options: VideoOptions) -> list[Layer]:
+    """Draw the layers of a scene, some of them cards."""
+    while len(layers := sample_layers(rng, photographs(), options.K, options.size)) - 1 not in CARDS:
+        pass
+    return layers
+
+
+def smear_lengths_px(paths: list[Shake], seed: int, options: VideoOptions) -> list[float]:
+    """Return the true length of the smears of each frame of `write_video`, the median over the picture."""
+    layers, points = _sample_scene(np.random.default_rng([seed, 1]), options), grid_points(options.size)
+    seen = np.zeros(points.shape[:2], int)  # the layer at mid exposure
+    for index, layer in enumerate(layers[1:], 1):
+        seen[stencil_alpha(layer, points) > 0.5] = index
+    lengths = []
+    for path in paths:
+        exposure = Exposure(camera=path, K=options.K, size=options.size)
+        opened, closed = (
+            np.stack([exposure.moved(points, layer, tau) for layer in layers]) for tau in (-0.5, 0.5)
+        )
+        each = np.linalg.norm(closed - opened, axis=-1)
+        lengths.append(float(np.median(np.take_along_axis(each, seen[None], axis=0))))
+    return lengths
+
+
 def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
     """Render the frames f_NNN.png, unless all exist, and return the camera's path about each.
 
@@ -95,8 +119,7 @@ def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     rng, size, K, like = np.random.default_rng([seed, 1]), options.size, options.K, None
-    while len(layers := sample_layers(rng, photographs(), K, size)) - 1 not in CARDS:
-        pass
+    layers = _sample_scene(rng, options)
     canvases = [paint(rng, layer, K, size, MARGIN, DETAIL) for layer in layers]
     for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
         exposure = Exposure(camera=path, K=K, size=size)

@@ -1,5 +1,6 @@
-"""Studies of blur and of masks: what they say of pictures whose answer is known."""
+"""Studies of blur, of masks and of choosing: what they say of pictures whose answer is known."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,8 +9,9 @@ import pytest
 
 from blur2view.movers.mask import MotionMask
 from tools.datasets import blurred_photographs
-from tools.evaluation import blur_kinds
+from tools.evaluation import blur_kinds, chosen_frames
 from tools.evaluation.segmentation import judge
+from tools.rendering import video
 
 
 @pytest.mark.slow
@@ -43,3 +45,19 @@ def test_masks_are_judged_by_what_moves() -> None:
         figures = judge(static, np.ones_like(static), mask)
         assert figures["share"] == pytest.approx(0.4)
         assert [figures[name] for name in ("iou", "precision", "called")] == pytest.approx(expected)
+
+
+def test_choosing_the_least_blurred_has_no_regret_and_any_other_has() -> None:
+    true = [3.0, 1.0, 2.0, 4.0, 8.0, 6.0, 5.0]
+    assert chosen_frames.least(true, 3) == [1, 3, 6] and chosen_frames.regret(true, [1, 3, 6], 3) == 1
+    assert chosen_frames.regret(true, [0, 4, 6], 3) == pytest.approx(16 / 10)
+    assert chosen_frames.rank_correlation(true, [-value for value in true]) == pytest.approx(-1)
+
+
+def test_smears_of_a_video_are_as_long_as_its_exposures() -> None:
+    options = video.VideoOptions(rate=30, share=0.5, frames=3, size=(160, 120), focal_px=150, shake_px=4)
+    paths = video.sample_exposures(np.random.default_rng([0, 30]), options)
+    lengths = video.smear_lengths_px(paths, 0, options)
+    halves = [replace(path, exposure_s=path.exposure_s / 2) for path in paths]
+    assert video.smear_lengths_px(halves, 0, options) == pytest.approx([one / 2 for one in lengths], rel=0.1)
+    assert min(lengths) > 0.5
