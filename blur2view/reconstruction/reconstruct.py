@@ -23,12 +23,13 @@ from blur2view import __version__
 from blur2view.colmap import transforms
 from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.frame_sequence import FrameSequence
-from blur2view.colmap.models import ids_of, photographs_of, read_model, write_model
+from blur2view.colmap.models import ids_of, photographs_of, read_model, refuse_other_model, write_model
 from blur2view.colmap.recovery import recovery_of
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.files import (
     add_checked_line,
+    check_file,
     checked_line,
     checked_lines,
     locked,
@@ -315,6 +316,8 @@ def _recover(
     folder: Path, names: Sequence[str], network: SmearReader, jobs: int, step: Step
 ) -> dict[str, Any]:
     """Write the model with what is recovered, with and without views."""
+    for name in (SPARSE, EXPOSURES):  # of which one may be lost, and the other refined since
+        refuse_other_model(folder / name, folder / WORK / "model")
     with step("recovering frames") as show:
         sequence = FrameSequence(folder / WORK / "model", folder / IMAGES, names, network)
         if misplaced := [sequence.model.find_image_with_name(name) for name in sequence.misplaced()]:
@@ -359,7 +362,9 @@ def _write_transforms(folder: Path, options: ReconstructionOptions, masks: Seque
     content = {"generator": f"blur2view {__version__}", **content}
     files = {folder / transforms.PLY: transforms.point_cloud(model)} if transforms.PLY_KEY in content else {}
     files[folder / TRANSFORMS] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-    write_beside(files)
+    for file in files:
+        check_file(file)
+    write_beside(files, noted=True)
     return len(exposed)
 
 

@@ -454,6 +454,22 @@ def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
     assert contents(tmp_path / "scene") == contents(whole.folder)
 
 
+@pytest.mark.parametrize(
+    ("changed", "lost"),
+    [("sparse/0/points3D.bin", "exposures/images.bin"), ("transforms.json", "sparse_pc.ply")],
+)
+def test_what_a_user_changed_stays_where_what_is_beside_it_is_lost(
+    whole: Reconstruction, video: Path, tmp_path: Path, changed: str, lost: str
+) -> None:
+    scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
+    (scene / lost).unlink()
+    refined = (scene / changed).read_bytes() + b" "
+    (scene / changed).write_bytes(refined)
+    with pytest.raises(OutputError, match="has changed since blur2view wrote"):
+        reconstruct(video / "frames", scene, OPTIONS, jobs=1)
+    assert (scene / changed).read_bytes() == refined
+
+
 def test_the_report_shows_frames_and_path_runs_nothing_and_opens_in_a_browser(whole: Reconstruction) -> None:
     page = (whole.folder / "report.html").read_text()
     assert "<script" not in page and page.count("<svg") == 3
