@@ -10,6 +10,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Folder, InTime, Order
 from blur2view.cli.parser import flag, rare_option
 from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
+from blur2view.cli.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.terminal import reason_line, verdict_line
 from blur2view.errors import OutputError
 from blur2view.files import write_file
@@ -110,7 +111,10 @@ class EstimateOptions(Command):
             raise OutputError(
                 f"{log}: a log of rates holds one video; name one video only, or omit --gyroflow"
             )
-        run.do(estimate_one, listed="estimates", gyroflow=log)
+        run.do(estimate_one, print_summary, gyroflow=log)
+        print_document(run, "estimates")
+        print_table(run)
+        print_total(run)
         if log is not None and run.done and not run.early_exit_code:
             video = next(job.source.path.name for job, outcome in run.outcomes if not outcome.error)
             write_file(log, gyroflow_log([outcome.record for outcome in run.done], video).encode())

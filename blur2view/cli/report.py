@@ -10,6 +10,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime, Order
 from blur2view.cli.parser import option
 from blur2view.cli.run import Run, estimate_file
+from blur2view.cli.summary import print_summary, print_table, print_total
 from blur2view.cli.terminal import printable, reason_line, verdict_line
 from blur2view.files import write_file
 from blur2view.movers.moving import THRESHOLD
@@ -47,7 +48,9 @@ class ReportOptions(Command):
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
         run, page = Run(self), self.output
-        run.do(entry_one, output=page)
+        run.do(entry_one, print_summary, output=page)
+        print_table(run)
+        print_total(run)
         if run.done:
             shown = [(outcome.record, outcome.part) for _, outcome in run.outcomes]
             write_file(page, report(shown, __version__))

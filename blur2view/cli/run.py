@@ -1,7 +1,6 @@
 """A command over photographs: it checks what it writes, then does, prints and writes each photograph."""
 
 import hashlib
-import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues
 from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import STANDARD_OUTPUT, Command, Estimating
-from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
+from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
 from blur2view.exposure.sequence import Features, features_of, in_time
 from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
@@ -67,6 +66,11 @@ class Run:
         return [outcome for _, outcome in self.outcomes if not outcome.error]
 
     @property
+    def records(self) -> list[Record]:
+        """The rows of the table: the records of all photographs but those that were refused before."""
+        return [outcome.record for job, outcome in self.outcomes if job.refusal is None]
+
+    @property
     def failures(self) -> list[dict[str, str]]:
         """What failed: image and error."""
         failed = [(job, outcome.error) for job, outcome in self.outcomes if outcome.error]
@@ -111,20 +115,17 @@ class Run:
     def do(
         self,
         work: Callable[[Any, Any], Outcome],
+        shown: Callable[["Run", Outcome], None],
         *,
-        listed: str = "",
-        lines: bool = True,
-        total: bool = True,
         checked: Path | None = None,
         **targets: Path | None,
     ) -> None:
-        """Do all photographs in order, after a check of all that is written; print and write the table.
+        """Do all photographs in order, after a check of all that is written, and write the table.
 
-        ``work`` takes the options and a job. A line is printed for each photograph and, if ``total``, one
-        for all; with --json instead one document, in which the records are ``listed``. ``targets`` are files
-        of all photographs by their options; ``checked`` is one that the command checks itself. It ends early,
-        after a line that says how to go on, if it is interrupted or nothing can be done any more, as on a
-        full disk. ModelError or OutputError of what cannot be used.
+        ``work`` takes the options and a job; ``shown`` prints of an outcome, above the bar, as it comes.
+        ``targets`` are files of all photographs by their options; ``checked`` is one that the command checks
+        itself. It ends early, after a line that says how to go on, if it is interrupted or nothing can be
+        done any more, as on a full disk. ModelError or OutputError of what cannot be used.
         """
         start, count = time.monotonic(), len(self.jobs)
         places = {job.source: place for place, job in enumerate(self.jobs, 1)}
@@ -138,7 +139,7 @@ class Run:
                         if self.passed is not None:
                             self.passed(job, outcome)
                         self.outcomes.append((replace(job, content=None), outcome))
-                        self._print(outcome, lines=lines and not self.options.silent)
+                        shown(self, outcome)
                         show(places[job.source], count)
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
@@ -146,12 +147,7 @@ class Run:
             complain(error)
             self._end_early(FAILED, "stopped")
         self.seconds = time.monotonic() - start
-        if listed and self.options.document.json:
-            records = [outcome.record.to_dict() for outcome in self.done]
-            print(json.dumps({listed: records, "failures": self.failures}, indent=2, allow_nan=False))
         self._write_table()
-        if total and not self.early_exit_code and not self.options.silent:
-            self._print_total(counted=lines)
 
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""
@@ -208,16 +204,6 @@ class Run:
         summary = f"{printable(job.name)}: done before"
         return Outcome(record=replace(record, name=job.name), summary=summary, skipped=True)
 
-    def _print(self, outcome: Outcome, *, lines: bool) -> None:
-        """Print why a photograph failed, or its summary: whole if it is the only one, else the first line."""
-        printing = self.options.printing
-        whole = len(self.jobs) == 1 or printing.verbose
-        if outcome.error:
-            complain(Blur2ViewError(outcome.error))
-        elif lines and (whole or not outcome.skipped):
-            summary = outcome.summary.split("\n")
-            say("\n".join(map(printable, summary if whole else summary[:1])))
-
     def _end_early(self, code: int, line: str) -> None:
         """Note the exit code of a run that ends early, and say what does the rest."""
         self.early_exit_code, count = code, len(self.jobs)
@@ -231,34 +217,13 @@ class Run:
     def _write_table(self) -> None:
         """Write the table; one that cannot be written is one line, because the rest is of use."""
         table = self.options.table.csv
-        rows = [outcome.record for job, outcome in self.outcomes if job.refusal is None]
-        if table == STANDARD_OUTPUT and rows:
-            print(table_text(rows).decode("utf-8", "surrogateescape"), end="")
-        elif table is not None and rows:
+        if table not in (None, STANDARD_OUTPUT) and self.records:
             try:
-                write_file(table, table_text(rows), noted=True)
+                write_file(table, table_text(self.records), noted=True)
                 self.table = table
             except OutputError as error:
                 complain(error)
                 self.without_table = True
-
-    def _print_total(self, *, counted: bool) -> None:
-        """Print how many of several photographs were done, or of one the table that was written."""
-        skipped, failed = sum(outcome.skipped for outcome in self.done), len(self.failures)
-        counts = {"done": len(self.done) - skipped, "done before": skipped, "failed": failed}
-        if counted and len(self.outcomes) > 1:
-            written = [self.options.folder.output, self.table] if counts["done"] else []
-            self.print_counts(counts, *written)
-        elif self.table is not None:
-            print(f"wrote {printable(str(self.table))}")
-
-    def print_counts(self, counts: Mapping[str, int], *written: Path | None, said: str = "") -> None:
-        """Print counts of photographs by their words in one line, then ``said``, then the files written."""
-        parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
-        line = f"{plural(len(self.outcomes), 'photograph')}: {parts} ({self.seconds:.1f} s)"
-        paths = " and ".join(printable(str(path)) for path in written if path is not None)
-        wrote_paths = f"wrote {paths}" if paths else ""
-        print("; ".join(part for part in (line, said, wrote_paths) if part))
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:

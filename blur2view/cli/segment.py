@@ -11,6 +11,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Folder
 from blur2view.cli.parser import OneOf, flag, option, probability
 from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
+from blur2view.cli.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.terminal import printable
 from blur2view.images.pixels import stored_from_upright
 from blur2view.movers.mask import GREY, MaskFormat
@@ -89,7 +90,10 @@ class SegmentOptions(Command):
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
         run = Run(self, self.endings, lambda name: [FOLDER / program.path(name) for program in self.programs])
-        run.do(segment_one, listed="masks")
+        run.do(segment_one, print_summary)
+        print_document(run, "masks")
+        print_table(run)
+        print_total(run)
         return run.exit_code
 
 

@@ -11,6 +11,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Order
 from blur2view.cli.parser import flag, rare_option, required
 from blur2view.cli.run import Run, estimate_file
+from blur2view.cli.summary import print_failure, print_table, print_written_table
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.database import check_target, plan_links, write_database, write_links
 from blur2view.colmap.project import storable
@@ -101,7 +102,9 @@ class ToColmapOptions(Command):
         run.jobs = view_jobs(run.jobs, db if self.link else None)
         if not self.link:
             check_target(db)
-        run.do(views_one, lines=False, checked=db)
+        run.do(views_one, print_failure, checked=db)
+        print_table(run)
+        print_written_table(run)
         done = [(job, outcome.record, outcome.part) for job, outcome in run.outcomes if outcome.part]
         if run.early_exit_code or not done:
             return run.exit_code

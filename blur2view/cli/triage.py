@@ -15,6 +15,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import Length, flag, length, neighbours, option, radius
 from blur2view.cli.run import Run, estimate_file
+from blur2view.cli.summary import print_counts, print_summary, print_table
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
@@ -114,7 +115,8 @@ class TriageOptions(Command):
         with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
             chosen = self._chosen(run.jobs, pictures)
             run.passed = chosen.add
-            run.do(look_at, total=False, checked=self.extract, keep=self.keep)
+            run.do(look_at, print_summary, checked=self.extract, keep=self.keep)
+            print_table(run)
             if run.done and not run.early_exit_code:
                 self._write(run, chosen.kept(), pictures)
         return run.exit_code
@@ -147,7 +149,7 @@ class TriageOptions(Command):
         if exposed:
             counted[Use.UNCLEAR] = f"{Use.UNCLEAR} ({exposed})"
         counts = {counted.get(use, use): uses[use] for use in (*Use, "")}
-        run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
+        print_counts(run, counts, run.table, self.keep, self.extract if kept else None, said=said)
 
     @property
     def _compares_gradients(self) -> bool:
