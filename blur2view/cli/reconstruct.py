@@ -64,8 +64,8 @@ class ReconstructOptions:
     all_frames: bool = flag("--all-frames: also recover and keep the frames that are not chosen")
     camera: str = option(
         """--camera CAMERA: known camera in COLMAP's form "MODEL WIDTH HEIGHT PARAMS...", for example
-        "SIMPLE_RADIAL 640 480 525 320 240 0.05"; COLMAP does not change it (default: COLMAP finds the camera,
-        and begins with the focal length of EXIF if there is one)""",
+        "SIMPLE_RADIAL 640 480 525 320 240 0.05"; it is scaled to the frames' size, and COLMAP does not change
+        it (default: COLMAP finds the camera, and begins with the focal length of EXIF if there is one)""",
         DEFAULT.camera,
     )
     camera_model: Annotated[str, OneOf(*CAMERA_MODELS)] = option(

@@ -57,6 +57,11 @@ def content_of(source: Source) -> bytes:
     return png_of(pixels if pixels.dtype != np.float32 else np.rint(255 * pixels).astype(np.uint8))
 
 
+def size_of(source: Source) -> tuple[int, int]:
+    """Return width and height of a frame as it is stored, pixels."""
+    return read_picture(source.path, as_stored=True, content=source.read()).size
+
+
 def plain_names(names: Sequence[str]) -> list[str]:
     """Return names of files that COLMAP's lists and JSON hold: white space and what is not Unicode become _.
 

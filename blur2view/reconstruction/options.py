@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+from blur2view.camera import Camera
+from blur2view.errors import CameraError
+
 CAMERA_MODELS = ("SIMPLE_RADIAL", "SIMPLE_PINHOLE", "PINHOLE", "RADIAL", "OPENCV")
 MAPPERS = ("incremental", "global")
 DIALECTS = ("nerfstudio", "instant-ngp")  # of `colmap.transforms`, those that read images beside the model
@@ -13,13 +16,13 @@ class ReconstructionOptions:
     """What a scene is made by; equal options and video make equal scenes.
 
     ValueError for a camera model with a fisheye's distortion, for another mapper or dialect than are there,
-    and for fewer than three frames; CameraError for a camera that is not one of COLMAP's.
+    and for fewer than three frames; CameraError for a camera that is not one of COLMAP's, or a fisheye.
     """
 
     frames: int = 300  # that are chosen, at most, as by ns-process-data
     all_frames: bool = False  # whether the frames that are not chosen are recovered, too
     camera_model: str = CAMERA_MODELS[0]
-    camera: str = ""  # as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS..."; empty if unknown
+    camera: str = ""  # "MODEL WIDTH HEIGHT PARAMS...", scaled to the frames' size; empty if unknown
     mapper: str = MAPPERS[0]
     dialect: str = DIALECTS[0]
     exposure_s: float = 1.0  # for nerfstudio's velocities
@@ -37,15 +40,15 @@ class ReconstructionOptions:
             )
         if self.frames < MIN_FRAMES:
             raise ValueError(f"a scene needs at least {MIN_FRAMES} frames, got {self.frames}")
-        if self.camera:
-            from blur2view.camera import Camera
+        if self.camera and "FISHEYE" in (model := Camera.from_string(self.camera).model):
+            raise CameraError(f"camera {model}: fisheye lenses are not supported; undistort the frames first")
 
-            Camera.from_string(self.camera)  # which checks it
+    def for_colmap(self, image_size: tuple[int, int]) -> tuple[str, str]:
+        """Return COLMAP's camera model and its parameters for frames of (width, height), empty if unknown.
 
-    @property
-    def for_colmap(self) -> tuple[str, str]:
-        """COLMAP's camera model and parameters, empty if unknown."""
+        CameraError if the camera is for pictures of another shape.
+        """
         if not self.camera:
             return self.camera_model, ""
-        model, _, _, *parameters = self.camera.split()
-        return model, ",".join(parameters)
+        camera = Camera.from_string(self.camera).for_image(image_size)
+        return camera.model, ",".join(map(repr, camera.params))

@@ -46,7 +46,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, sources_of
+from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, size_of, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -128,6 +128,8 @@ def reconstruct(
         If the folder cannot be used, or another call makes a scene there.
     ImageError
         If the video cannot be read.
+    CameraError
+        If the camera is for frames of another shape.
 
     Examples
     --------
@@ -141,6 +143,8 @@ def reconstruct(
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
         raise OutputError(f"{folder}: lies in the folder of the frames; name another folder with -o")
     listed = dict(sources_of(video))
+    if options.camera:  # which is checked before anything is written
+        options.for_colmap(size_of(next(iter(listed.values()))))
     writable_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -278,6 +282,7 @@ def _map(
 ) -> dict[str, Any]:
     """Write COLMAP's database and its largest model; DatabaseError if it makes none."""
     work, images, models = folder / WORK, folder / IMAGES, list[Any]()
+    camera = options.for_colmap(read_picture(images / names[0], as_stored=True).size)
     for blurred, again in product((False, True), (False, True)):
         if again and options.mapper == "global":
             continue
@@ -285,7 +290,7 @@ def _map(
         if not again:
             with step("finding and matching features" + (" of blurred frames" if blurred else "")):
                 readable = _stretched(images, work / "stretched", names) if blurred else images
-                mapping.match(database, readable, names, camera=options.for_colmap, blurred=blurred)
+                mapping.match(database, readable, names, camera=camera, blurred=blurred)
         with step("mapping" + (" again" if again else "")):
             shutil.rmtree(there, ignore_errors=True)
             known = bool(options.camera)

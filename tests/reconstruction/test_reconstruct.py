@@ -27,7 +27,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
-from blur2view.errors import DatabaseError, ImageError, OutputError, RunError
+from blur2view.errors import CameraError, DatabaseError, ImageError, OutputError, RunError
 from blur2view.files import locked, write_file
 from blur2view.images.image import read_image, read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
@@ -121,6 +121,21 @@ def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
 def test_options_that_smears_do_not_support_are_refused() -> None:
     with pytest.raises(ValueError, match="camera model"):
         ReconstructionOptions(camera_model="OPENCV_FISHEYE")
+    with pytest.raises(CameraError, match="OPENCV_FISHEYE: fisheye lenses are not supported"):
+        ReconstructionOptions(camera="opencv_fisheye 64 48 50 50 32 24 0 0 0 0")
+
+
+def test_a_camera_is_scaled_to_the_frames_or_refused_before_anything_is_written(tmp_path: Path) -> None:
+    options = ReconstructionOptions(camera="simple_radial 640 480 525.1 320 240 0.05")
+    assert options.for_colmap((640, 480)) == ("SIMPLE_RADIAL", "525.1,320.0,240.0,0.05")
+    model, params = options.for_colmap((1280, 960))
+    assert model == "SIMPLE_RADIAL"
+    assert [float(one) for one in params.split(",")] == pytest.approx([1050.2, 640, 480, 0.05])
+    (tmp_path / "frames").mkdir()
+    cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.zeros((90, 160, 3), np.uint8))
+    with pytest.raises(CameraError, match="for 640x480 pixels, but the photograph has 160x90"):
+        reconstruct(tmp_path / "frames", tmp_path / "scene", options)
+    assert not (tmp_path / "scene").exists()
 
 
 def test_names_that_colmaps_lists_and_json_cannot_hold_are_changed() -> None:

@@ -110,7 +110,8 @@ def by_colmap(
     """Return the poses of COLMAP's largest model of frames, from nothing, and its seconds."""
     shutil.rmtree(work, ignore_errors=True)
     begun, database = cpu_s(), work / "matches.db"
-    mapping.match(database, frames, names, camera=options.for_colmap, blurred=False)
+    camera = options.for_colmap(read_picture(frames / names[0], as_stored=True).size)
+    mapping.match(database, frames, names, camera=camera, blurred=False)
     known = bool(options.camera)
     models = mapping.mapped(database, frames, work / "models", mapper="incremental", camera_known=known)
     return poses_of(models[0]) if models else {}, cpu_s() - begun
