@@ -93,10 +93,10 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     """
     white = white_of(image)
     every = max(int((image.shape[0] * image.shape[1] / SAMPLED) ** 0.5), 1)
-    values, known = image[::every, ::every] / white, knows_kinds(grid)
+    values, known = image[::every, ::every], knows_kinds(grid)
     other = OTHER if known else OTHER_UNKNOWN
-    low, high = np.quantile(values, (other, 1 - other))
-    if high < DARK and (not known or len(np.unique(values[values < DARK])) <= LEVELS):
+    low, high = np.quantile(values, (other, 1 - other)) / white
+    if high < DARK and (not known or len(np.unique(values[values < DARK * white])) <= LEVELS):
         return TOO_DARK
     if low > BRIGHT:
         return OVEREXPOSED

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ class Evidence:
     movers: Movers | None = None
     stood_still: bool = False  # whether the fit of a geometry says that the camera did not move
 
-    @property
+    @cached_property
     def needed(self) -> Needed:
         """What is to be asked next."""
         if self.nothing_seen or self.movers is not None or self.grid.kinds is None:
@@ -98,7 +99,7 @@ class Evidence:
             return self.movers.camera_moved
         return probability(BY_CELLS_ALONE * cell_odds(self._still_kinds))
 
-    @property
+    @cached_property
     def blur(self) -> Blur:
         """The blur of the photograph.
 
@@ -107,12 +108,12 @@ class Evidence:
         grid, moved = self.grid, self.camera_moved
         if self.nothing_seen:  # what the cells read is noise
             return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=self.nothing_seen)
-        unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
-        if not knows_kinds(grid) or (grid.kinds is None and unknown.smear_px is None):
-            return unknown
-        if grid.blur is None or grid.kinds is None:
+        if grid.blur is None or grid.kinds is None or not knows_kinds(grid):
+            unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
+            if not knows_kinds(grid) or unknown.smear_px is None:
+                return unknown
             kind = BlurKind.CAMERA_MOVED if moved > 0.5 else BlurKind.SHARP
-            return with_length(Blur(kind=kind, camera_moved=moved), grid)
+            return replace(unknown, kind=kind, camera_moved=moved)
         kinds, still_kinds = np.asarray(grid.kinds, float), self._still_kinds
         moving_share = 0.0 if self.movers is None else self.movers.share
         kind = kind_of(still_kinds, moving_share, moved > 0.5)
