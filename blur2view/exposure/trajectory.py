@@ -174,30 +174,38 @@ def _ends(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> 
 def _length_ratios(frames: Sequence[ExposedFrame], ends: Array) -> Array:
     """Return the ratios of smears to those of exposures with these ends, of the frames that show one."""
     motions = ends[:, 1] - ends[:, 0]
-    found = np.abs([frame.length_ratio(motion) for frame, motion in zip(frames, motions, strict=True)])
-    return found[np.isfinite(found)]
+    ratios = np.abs([frame.length_ratio(motion) for frame, motion in zip(frames, motions, strict=True)])
+    return ratios[np.isfinite(ratios)]
 
 
 def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> tuple[Array, float]:
-    """Return the changes of `exposures`, and the median share, 0 to 1, of the path's rotations in them."""
+    """Return the changes of `exposures`, and the median share, 0 to 1, of the path's rotations in them.
+
+    Of each frame that the path reaches, with p the rotation of the path over the exposure, r that of the
+    smears, L its information (3, 3) and v the variance of p, the rotation is
+
+        (L + w I)^-1 (L r + w s p),    w = 1 / (a^2 v),    s = 1 - a^2,
+
+    where a is the likeliest factor of the path's deviations (`_likeliest_sigma`), larger beyond the last
+    frame: the farther the path errs, the less of its rotation is believed.
+    """
     ends = _ends(frames, path, fraction)
-    known = np.flatnonzero(np.isfinite(ends).all(axis=(1, 2))).tolist()
-    if not known:
+    reached = np.flatnonzero(np.isfinite(ends).all(axis=(1, 2))).tolist()
+    if not reached:
         return ends, 0.0
-    motions = (ends[:, 1] - ends[:, 0])[known]
-    seen = [_rotation(frames[k], motion) for k, motion in zip(known, motions, strict=True)]
-    turns, information, senses = (np.array(values) for values in zip(*seen, strict=True))
-    own = senses[:, None] * motions[:, :3]
-    one_sided = np.array([not all(path.sides(frames[k].time)) for k in known])
+    motions = (ends[:, 1] - ends[:, 0])[reached]
+    rotations = [_rotation(frames[k], motion) for k, motion in zip(reached, motions, strict=True)]
+    r, L, senses = (np.array(values) for values in zip(*rotations, strict=True))
+    p = senses[:, None] * motions[:, :3]
+    one_sided = np.array([not all(path.sides(frames[k].time)) for k in reached])
     factors = np.where(one_sided, EXTRAPOLATED_SIGMA, 1.0)
-    variances = factors**2 * np.median((own**2).mean(axis=1))
-    likely = _likeliest_sigma(turns - own, information, variances)
-    shares = np.clip(1 - (likely * factors) ** 2, 0, 1)
-    precision = 1 / (likely**2 * variances + TINY)[:, None]
-    normal = information + precision[..., None] * np.eye(3)
-    right = (information @ turns[..., None])[..., 0] + precision * shares[:, None] * own
-    turns = np.linalg.solve(normal, right[..., None])[..., 0]
-    for k, turn, sense, share in zip(known, turns, senses, shares, strict=True):
+    v = factors**2 * np.median((p**2).mean(axis=1))
+    a = _likeliest_sigma(r - p, L, v)
+    shares = np.clip(1 - (a * factors) ** 2, 0, 1)
+    w = 1 / (a**2 * v + TINY)[:, None]
+    right = (L @ r[..., None])[..., 0] + w * shares[:, None] * p
+    turns = np.linalg.solve(L + w[..., None] * np.eye(3), right[..., None])[..., 0]
+    for k, turn, sense, share in zip(reached, turns, senses, shares, strict=True):
         ends[k] = ends[k, ::sense]
         ends[k, :, :3] = share * ends[k, :, :3].mean(axis=0) + np.outer([-0.5, 0.5], turn)
     return ends, float(np.median(shares))
