@@ -1,5 +1,6 @@
 """COLMAP's features, matches and model of the chosen frames, made in a folder and repeatable."""
 
+import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -168,6 +169,13 @@ def _guess_focal_length(database: Path) -> None:
                 params[list(camera.focal_length_idxs())] = FOCAL_SHARE * max(camera.width, camera.height)
                 camera.params = params.tolist()
                 opened.update_camera(camera)
+
+
+def copied(database: Path, copy: Path) -> Path:
+    """Return a copy of a database, without the logs of a call that was killed."""
+    for log in ("-journal", "-wal", "-shm"):
+        Path(f"{copy}{log}").unlink(missing_ok=True)
+    return Path(shutil.copyfile(database, copy))
 
 
 def why_no_model(database: Path, way: float) -> str:

@@ -241,8 +241,8 @@ def _made(
     scene.step("report", [REPORT], write_report)
     for rest in ("models", "placed", "stretched", MASKS, SMEARS):
         shutil.rmtree(work / rest, ignore_errors=True)
-    for database in work.glob("matches_*.db"):
-        database.unlink()
+    for path in work.glob("matches_*"):
+        path.unlink()
     return result
 
 
@@ -291,6 +291,8 @@ def _map(
             with step("finding and matching features" + (" of blurred frames" if blurred else "")):
                 readable = _stretched(images, work / "stretched", names) if blurred else images
                 mapping.match(database, readable, names, camera=camera, blurred=blurred)
+        else:  # on a copy, because the mapper may change it, and a killed call begins with the first one
+            database = mapping.copied(database, work / f"matches_{blurred:d}_again.db")
         with step("mapping" + (" again" if again else "")):
             shutil.rmtree(there, ignore_errors=True)
             known = bool(options.camera)

@@ -353,12 +353,16 @@ def test_a_model_that_is_too_small_is_tried_again_before_frames_are_read_anew(
 
     def mapped(*given: Any, again: bool, **options: Any) -> list[Any]:
         tries.append(again)
+        if again:
+            given[0].write_bytes(b"with another focal length")
         return [pycolmap.Reconstruction(video / "model")] if again else []
 
     monkeypatch.setattr(mapping, "mapped", mapped)
     before = len(colmap)
     _map(tmp_path, PLANE.names, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None))
     assert tries == [False, True] and colmap[before:] == ["match"]
+    assert len(mapping._rows(tmp_path / "work" / "matches_0.db", "SELECT name FROM images")) == 7
+    assert (tmp_path / "database.db").read_bytes() == b"with another focal length"
 
 
 def contents(scene: Path) -> dict[str, bytes]:
