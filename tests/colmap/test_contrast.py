@@ -37,7 +37,7 @@ def test_a_file_that_is_there_is_not_replaced(tmp_path: Path) -> None:
     frames, copies = tmp_path / "frames", tmp_path / "copies"
     write(frames, "a.png", NOISE / 3)
     mine = write(copies, "a.png", NOISE)
-    with pytest.raises(OutputError, match=r"a.png: exists; name another folder"):
+    with pytest.raises(OutputError, match=r"a.png: already exists; name another folder"):
         write_stretched(frames, copies)
     assert (copies / "a.png").read_bytes() == mine
 
@@ -50,5 +50,8 @@ def test_a_dull_raw_photograph_is_named_and_not_the_folder_of_copies(
     (frames / "a.png").rename(frames / "a.dng")
     picture = Picture(pixels=np.zeros((120, 160, 3), np.uint16))
     monkeypatch.setattr(contrast, "read_picture", lambda path, **options: picture)
-    with pytest.raises(ImageError, match=r"frames/a\.dng: is dull, and \.dng cannot be written; develop it"):
+    with pytest.raises(
+        ImageError,
+        match=r"frames/a\.dng: has little contrast, and its copy cannot be a \.dng file; develop it",
+    ):
         write_stretched(frames, tmp_path / "copies")

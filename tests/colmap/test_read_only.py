@@ -103,8 +103,8 @@ def newer(path: Path) -> None:
 
 
 FAULTS: dict[Callable[[Path], object], str] = {
-    locked: "close programs that use it",
-    killed_midway: "if a program was killed that used it, open it once with COLMAP",
+    locked: "close the programs that use it",
+    killed_midway: "if a program that used it was killed, open it once with COLMAP",
     foreign: "is not a COLMAP database .*; name the one that COLMAP's --database_path names",
     newer: "newer COLMAP .*; update blur2view",
     Path.unlink: "no such database; check the path",
