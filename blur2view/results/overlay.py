@@ -93,7 +93,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
     if fits:
         key.append("smears that fit are coloured by their direction")
     if smears.any():
-        key.append("grey: smears that do not" if fits else "grey: smears")
+        key.append("others are grey" if fits else "smears are grey")
     if lines.any():
         key.append("white lines are epipolar lines, and rings are epipoles")
     config = f"COLMAP calls it {record.config}" if record.moved() else ""
@@ -110,8 +110,11 @@ def draw_motion(image: AnyArray, mask: MotionMask, unseen: str = "") -> Picture:
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
-    marked = {"pink moves": mask.shares["moving"], "hatched is unobservable": mask.shares["unobservable"]}
-    text = "; ".join([*(words for words, share in marked.items() if share), mask.reason])
+    marked = {
+        "what moves is pink": mask.shares["moving"],
+        "what is unobservable is hatched": mask.shares["unobservable"],
+    }
+    text = "; ".join([*(words for words, share in marked.items() if share), mask.reason]).capitalize()
     return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask, unseen), text)
 
 
