@@ -55,8 +55,8 @@ def recorded_lengths_px(model: Path) -> dict[str, float]:
 
 def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float:
     """Return Spearman's correlation of two series without ties."""
-    ranks = [np.argsort(np.argsort(one)) for one in (first, second)]
-    return float(np.asarray(np.corrcoef(*ranks))[0, 1])
+    ranks = np.argsort(np.argsort([first, second])).astype(float)
+    return float(np.corrcoef(ranks)[0, 1])
 
 
 def groups_of(count: int, every: int) -> list[range]:
