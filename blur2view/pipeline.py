@@ -75,6 +75,7 @@ def estimate(
     shutter: RollingShutter | None = None,
     detail: Detail = Detail.GEOMETRY,
     geometry: bool = True,
+    closer: bool = True,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -96,6 +97,9 @@ def estimate(
         ``Detail.RANKING`` reads fewer windows, unless a geometry is fitted.
     geometry : bool
         False asks for the blur alone, which is the same, and saves the fit of a geometry: neither F nor H.
+    closer : bool
+        With ``Detail.RANKING`` False takes the first look's word for what blurred the photograph, also where
+        a closer look, which takes some times as long, might name another cause.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def estimate(
     height, width = image.shape[:2]
     if remedy := unusable_size(width, height):
         raise ValueError(f"a photograph of {width}x{height} pixels cannot be used; {remedy}")
-    evidence, moving = _seen(image, network, Detail(detail))
+    evidence, moving = _seen(image, network, Detail(detail), closer)
     grid, blur = evidence.grid, evidence.blur
     if geometry and blur.kind.of_camera and not evidence.every_window:
         grid = network.predict(image)  # F fits some 48 smears of any kind
@@ -217,7 +221,9 @@ def segment(
     return motion_mask(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
-def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Evidence, Moving | None]:
+def _seen(
+    image: AnyArray, network: SmearReader, detail: Detail, closer: bool
+) -> tuple[Evidence, Moving | None]:
     """Return what a photograph shows of its blur, as much as is needed to name it, and what moves in it.
 
     Where fewer windows are read and leave the name open, all are, so that it is the one of
@@ -225,6 +231,8 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Eviden
     """
     grid, every = network.predict(image, detail=detail), detail is Detail.GEOMETRY
     evidence = Evidence(grid=grid, every_window=every, nothing_seen=nothing_seen(image, grid))
+    if not (every or closer):
+        return evidence, None
     if evidence.needed is Needed.WINDOWS:
         evidence = replace(evidence, grid=network.predict(image), every_window=True)
     if evidence.needed is not Needed.MOVERS:

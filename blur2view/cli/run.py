@@ -283,12 +283,13 @@ def estimate_file(
     camera_of: CameraOf | None = None,
     detail: Detail = Detail.GEOMETRY,
     geometry: bool = True,
+    closer: bool = True,
 ) -> EstimatedFile:
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
-    ``detail`` and ``geometry`` are those of `estimate`; ``camera_of`` gives intrinsics, by default those of
-    options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
+    ``detail``, ``geometry`` and ``closer`` are those of `estimate`; ``camera_of`` gives intrinsics, by default
+    those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
     picture = read_picture(path, as_stored=options.as_stored, content=job.content)
@@ -304,6 +305,7 @@ def estimate_file(
         shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
         detail=detail,
         geometry=geometry,
+        closer=closer,
     )
     stated = {
         "name": job.name,

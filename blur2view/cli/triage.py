@@ -47,8 +47,8 @@ LIST = """
     The folder must be empty or new, or hold what an earlier call of this kind wrote; of that what is no
     longer kept is removed
 --every-best: of every N neighbours in a video or folder, in the order that names them, one is kept. Without
-    --csv it and, of videos, --best look closely at the third with the most gradient energy among up to 12
-    neighbours; the others have no line
+    --csv it and, of videos, --best look, once, at the third with the most gradient energy among up to 12
+    neighbours, so that what blurred them is less sure than in the table; the others have no line
 """
 
 
@@ -110,7 +110,7 @@ class TriageOptions(Command):
             run.jobs = [_listable(job) for job in run.jobs]
         if self.extract is not None:
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
-        if self._compares_gradients:
+        if self.compares_gradients:
             run.looked_at = candidates(self._groups(run.jobs))
         with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
             chosen = self._chosen(run.jobs, pictures)
@@ -135,7 +135,7 @@ class TriageOptions(Command):
             return
         uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
         said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"
-        if said and self._compares_gradients:
+        if said and self.compares_gradients:
             said += f" of {len(run.jobs)}"
         if said and not kept:
             limits = f"--max-smear is {self.max_smear}, --max-defocus {self.max_defocus:g}"
@@ -152,7 +152,7 @@ class TriageOptions(Command):
         print_counts(run, counts, run.table, self.keep, self.extract if kept else None, said=said)
 
     @property
-    def _compares_gradients(self) -> bool:
+    def compares_gradients(self) -> bool:
         """Whether gradients leave out most neighbours before the network looks; a table has a row of all."""
         return self.table.csv is None and (self.every_best or self.best) is not None
 
@@ -193,9 +193,11 @@ class TriageOptions(Command):
 def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone.
 
-    Geometry, which is looked for with ``--blurred``, decides on its use, and is not written.
+    Geometry, which is looked for with ``--blurred``, decides on its use, and is not written. To choose one of
+    some neighbours the first look is enough.
     """
-    file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred)
+    closer = not options.compares_gradients
+    file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred, closer=closer)
     record = file.record() if options.blurred else file.record().without_geometry()
     record = record.with_use(options.max_smear.px(record.width or 0), options.max_defocus).without_geometry()
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
