@@ -288,8 +288,8 @@ def estimate_file(
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
-    ``detail``, ``geometry`` and ``closer`` are those of `estimate`; ``camera_of`` gives intrinsics, by default
-    those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
+    ``detail``, ``geometry`` and ``closer`` are those of `estimate`; ``camera_of`` gives intrinsics, by
+    default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
     picture = read_picture(path, as_stored=options.as_stored, content=job.content)
