@@ -1,7 +1,7 @@
 """Masks of what moves by itself in the frames of a scene, under the names that programs look for."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 
 import cv2
@@ -45,13 +45,9 @@ def write_masks(
         mask = segment(estimate(pixels, network=network, geometry=False), pixels)
         write_file(kept, png(MaskFormat.COLMAP.picture(mask.labels)))
     found = {name: read_regular(work / MaskFormat.COLMAP.path(PurePath(name))) for name in names}
-    pictures = {
-        name: np.asarray(cv2.imdecode(np.frombuffer(mask, np.uint8), -1)) for name, mask in found.items()
-    }
     if consecutive:
-        pictures = _confirmed(pictures)
-        found = {name: png(picture) for name, picture in pictures.items()}
-    if all(picture.all() for picture in pictures.values()):
+        found = dict(_confirmed(found))
+    if all(_decoded(mask).all() for mask in found.values()):
         return []
     paths = {f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(name))}": found[name] for name in names}
     short = {name: f"{MASKS}/{MaskFormat.NERFSTUDIO.path(PurePath(name))}" for name in names}
@@ -59,28 +55,35 @@ def write_masks(
     paths |= {path: found[name] for name, path in short.items() if uses[path] == 1}
     if beside:
         paths |= {
-            f"{images}/{MaskFormat.INSTANT_NGP.path(PurePath(name))}": png(255 - picture)
-            for name, picture in pictures.items()
+            f"{images}/{MaskFormat.INSTANT_NGP.path(PurePath(name))}": png(255 - _decoded(mask))
+            for name, mask in found.items()
         }
     for path, content in paths.items():
         write_file(scene / path, content)
     return list(paths)
 
 
-def _confirmed(pictures: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-    """Return masks (H, W), 0 where anything moves, of frames in order, without parts of one frame alone."""
-    moving = [picture == 0 for picture in pictures.values()]
-    kept = dict[str, AnyArray]()
-    for k, name in enumerate(pictures):
-        beside = [other for other in (*moving[max(0, k - 1) : k], *moving[k + 1 : k + 2]) if other.any()]
-        count, parts = cv2.connectedComponents(moving[k].astype(np.uint8))
-        near = np.zeros(moving[k].shape, bool)
-        for other in beside if count > 1 else ():
-            if other.shape == near.shape:
+def _confirmed(masks: Mapping[str, bytes]) -> Iterator[tuple[str, bytes]]:
+    """Yield the masks (PNG, 0 where anything moves) of frames in order, without parts of one frame alone.
+
+    Three masks are in memory as pixels.
+    """
+    names = list(masks)
+    for k, name in enumerate(names):
+        moving = _decoded(masks[name]) == 0
+        count, parts = cv2.connectedComponents(moving.astype(np.uint8))
+        near = np.zeros(moving.shape, bool)
+        for beside in (*names[max(0, k - 1) : k], *names[k + 1 : k + 2]) if count > 1 else ():
+            other = _decoded(masks[beside]) == 0
+            if other.any() and other.shape == near.shape:
                 near |= _grown(other)
-        real = np.isin(parts, np.unique(parts[near & moving[k]]))
-        kept[name] = np.where(moving[k] & real, 0, 255).astype(np.uint8)
-    return kept
+        real = np.isin(parts, np.unique(parts[near & moving]))
+        yield name, png(np.where(moving & real, 0, 255).astype(np.uint8))
+
+
+def _decoded(mask: bytes) -> AnyArray:
+    """Return the pixels (H, W) of a mask."""
+    return np.asarray(cv2.imdecode(np.frombuffer(mask, np.uint8), cv2.IMREAD_UNCHANGED))
 
 
 def _grown(moving: AnyArray) -> AnyArray:
