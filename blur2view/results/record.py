@@ -314,7 +314,10 @@ class Record:
 
         ValueError if the text holds no record.
         """
-        stored = json.loads(text)
+        try:
+            stored = json.loads(text)
+        except (ValueError, RecursionError):
+            stored = None
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is not a JSON document of a photograph")
         known = [entry for entry in fields(cls) if entry.name in stored]

@@ -25,8 +25,8 @@ def test_json_holds_the_record_and_what_is_derived_is_computed_anew(record: Reco
     assert Record.from_json(edited).verdict == record.verdict
     probabilities = [one["probability"] for one in record.models or ()]
     assert probabilities == sorted(probabilities, reverse=True) and record.model_probability is not None
-    for text in ("[]", "{}", "not JSON"):
-        with pytest.raises(ValueError):
+    for text in ("[]", "{}", "not JSON", b"\xff", "[" * 99_999):
+        with pytest.raises(ValueError, match="is not a JSON document of a photograph"):
             Record.from_json(text)
 
 
