@@ -218,6 +218,8 @@ def test_features_of_dull_frames_are_found_in_stretched_copies(
     contrast = []
 
     def match(database: Path, images: Path, names: list[str], **given: Any) -> None:
+        database.parent.mkdir(exist_ok=True)
+        database.touch()
         contrast.append(read_picture(images / names[0]).pixels.std())
 
     monkeypatch.setattr(mapping, "match", match)
