@@ -19,14 +19,13 @@ from blur2view.cli.summary import print_counts, print_summary, print_table
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
-from blur2view.images.inputs import Source
+from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_rate
 from blur2view.networks.smear_network import Detail
 from blur2view.results.record import explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
-FRAME_DIGITS = 5  # as ns-process-data names frames
 USES = """
 sharp: the smear is at most --max-smear, the radius out of focus of what is in focus, if anything is, at most
     --max-defocus; kept
@@ -220,7 +219,7 @@ def extracted(folder: Path, jobs: Sequence[Job]) -> dict[Source, Path]:
     """
     usable = [job for job in jobs if not job.source.refusal]
     names = {job.source: Path(job.name) for job in usable}
-    frames = {s: Path(f"frame_{s.frame:0{FRAME_DIGITS}d}.png") for s in names if s.frame is not None}
+    frames = {source: Path(frame_file(source.frame)) for source in names if source.frame is not None}
     several = len({source.path for source in frames}) > 1
     if several or not set(frames.values()).isdisjoint(names.values()):
         frames = {source: names[source].parent / name for source, name in frames.items()}

@@ -77,6 +77,11 @@ def png_of(pixels: AnyArray) -> bytes:
     return bytes(cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1])
 
 
+def frame_file(number: int) -> str:
+    """Return the name of a frame's PNG, as ns-process-data names frames."""
+    return f"frame_{number:05d}.png"
+
+
 def has_frames(path: Path) -> bool:
     """Return whether a file is a video, or an animated GIF, which is read as one."""
     if path.suffix.lower() != ".gif" or not path.is_file():

@@ -11,13 +11,12 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
-from blur2view.images.inputs import Source, list_photographs, png_of
+from blur2view.images.inputs import Source, frame_file, list_photographs, png_of
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, read_frame
 
 # of photographs; of the others pycolmap 4.2 finds no features in AVIF, JPEG 2000 and WebP
 READ_BY_COLMAP = frozenset([".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff"])
-FRAME_DIGITS = 5  # as ns-process-data names frames
 THUMBNAIL_PX = 160  # longer side of what shows how the picture moves
 STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
 STRETCHES = 60  # at least, where there are so many frames and the camera moves
@@ -37,7 +36,7 @@ def sources_of(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
     inputs = list_photographs([str(video)], recursive=True).readable()
     if inputs.one_video:
-        return [(f"frame_{source.frame:0{FRAME_DIGITS}d}.png", source) for source in inputs.sources]
+        return [(frame_file(source.frame or 0), source) for source in inputs.sources]
     if not video.is_dir():
         raise ImageError(f"{video}: is neither a video nor a folder with frames of one; name another input")
     if any(source.frame is not None for source in inputs.sources):

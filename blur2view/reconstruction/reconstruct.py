@@ -48,7 +48,7 @@ from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, size_of, sources_of
 from blur2view.reconstruction.masks import MASKS, write_masks
-from blur2view.reconstruction.options import ReconstructionOptions
+from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
 from blur2view.reconstruction.timeline import timeline
@@ -173,8 +173,8 @@ def _made(
     def choose() -> dict[str, Any]:
         with step("looking at frames") as show:
             frames = list(looked_at(list(listed.items()), show))
-        if len(frames) < 3:
-            raise ImageError(f"{video}: has {len(frames)} frames, but a scene needs at least 3")
+        if len(frames) < MIN_FRAMES:
+            raise ImageError(f"{video}: has {len(frames)} frames, but a scene needs at least {MIN_FRAMES}")
         best = [frame.name for frame in chosen(frames, options.frames)]
         return {"frames": frames, "chosen": best}
 
@@ -195,7 +195,7 @@ def _made(
     seen = scene.step("look", [], partial(_look, images, kept, work / "look.jsonl", network, step))
     smears: dict[str, float | None] = {name: values[1] for name, values in seen.items()}
     sharp = [name for name in best if (smears[name] or 0.0) <= MAX_MAPPED_PX]
-    mapped = sharp if len(sharp) >= max(3, MIN_SHARP * len(best)) else best
+    mapped = sharp if len(sharp) >= max(MIN_FRAMES, MIN_SHARP * len(best)) else best
     way = sum(frame.moved for frame in frames)
     named = f"{work.name}/model/images.bin"
     counts = scene.step("map", [named, DATABASE], partial(_map, folder, mapped, options, way, step))
