@@ -27,27 +27,30 @@ from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
 USES = """
-sharp: the smear is at most --max-smear, the radius out of focus of what is in focus, if anything is, at most
-    --max-defocus; kept
-blurred: it is longer; with --blurred, which keeps it, F or H explains the smears, so that the views of the
-    exposure are of use (blur2view to-colmap). --best and --every-best, too, keep it and the following
-unusable: it is longer, and no geometry explains it; only --blurred looks for one, and does not keep it
-out of focus: the lens, not a motion, blurs all of it
-unclear: it is too dark or overexposed, nothing shows texture, or its smears are no longer than their errors;
-    perhaps sharp; nothing_seen of --csv says why
+sharp: the smear is at most --max-smear, and the smallest radius of defocus in the photograph is at most
+    --max-defocus; such photographs are kept
+blurred: the smear is longer. With --blurred it also means that F or H explains the smears, so that the views
+    of the exposure are of use (blur2view to-colmap), and these photographs are kept. --best and --every-best
+    may keep any photograph
+unusable: the smear is longer, and no geometry explains it; only --blurred looks for one, and it keeps none of
+    these
+out of focus: the lens blurs the whole photograph, and no motion does
+unclear: the photograph is too dark or overexposed, has no texture, or its smears are no longer than their
+    errors; it may be sharp. The column nothing_seen of --csv gives the reason
 """
 LIST = """
---keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
-    takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
-    for blur2view, as @frames/keep.txt, from anywhere. A list of an earlier call is replaced,
-    unless it has changed since
---extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
-    with the pixels that were looked at, below the video's name if there are several; photographs are copied.
-    The folder must be empty or new, or hold what an earlier call of this kind wrote; of that what is no
-    longer kept is removed
---every-best: of every N neighbours in a video or folder, in the order that names them, one is kept. Without
-    --csv it and, of videos, --best look, once, at the third with the most gradient energy among up to 12
-    neighbours, so that what blurred them is less sure than in the table; the others have no line
+--keep: a list with a name on each line, relative to the folder that was given or that all photographs share.
+    COLMAP reads it as --image_list_path with that folder as --image_path. If it lies in that folder,
+    blur2view reads it from anywhere as @frames/keep.txt. The list of an earlier call is replaced, unless you
+    have changed it
+--extract: files for COLMAP, ns-process-data and blur2view. Frame 120 of a video, counted from 0, becomes
+    frame_00120.png, in a folder with the video's name if there are several videos; photographs are copied.
+    The folder must be empty or new, or hold the files of an earlier call of this kind; files that are no
+    longer kept are removed
+--every-best: one of every N neighbours in a video or folder is kept, in the order of their names. Without
+    --csv this option, and --best for videos, look once, and only at the third with the most gradient energy
+    among up to 12 neighbours, so that the kind of blur is less sure than in the table; the others have no
+    line
 """
 
 
@@ -55,37 +58,37 @@ LIST = """
 class TriageOptions(Command):
     """The options of ``blur2view triage``.
 
-    Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
-    of all, and a list, or a folder, of those to use. Each is sharp; blurred; out of focus; or unclear, where
-    it is too smooth or too dark to show blur, which the variance of the Laplacian would confuse. With
-    --blurred those blurred are divided into those of use, whose smears a geometry explains, and unusable
-    ones.
+    Measure what blurred each photograph, motion or a lens out of focus, and by how much. The command can
+    write a table of all photographs, and a list or a folder of those to use. Each photograph is sharp,
+    blurred, out of focus, or unclear; an unclear one is too smooth or too dark to show its blur, which the
+    variance of the Laplacian would not notice. --blurred divides the blurred photographs into those whose
+    smears a geometry explains, which are of use, and unusable ones.
     """
 
     either = ("blurred", "best", "every_best")
-    keep: Path | None = option("--keep LIST: write the list of photographs to keep, see below")
+    keep: Path | None = option("--keep LIST: write the list of photographs to keep")
     extract: Path | None = option("""--extract DIR: write the photographs to keep into a folder, frames of
-        videos as PNG, see below""")
-    blurred: bool = flag("""--blurred: look for the geometry, which takes longer, and keep the
-        blurred ones, too, that it explains""")
-    best: int | None = option("""--best N: keep the N sharpest: those called sharp before others, then by the
-        width of all of the blur; of frames of videos the sharpest of each of N equal parts""")
+        videos as PNG""")
+    blurred: bool = flag("""--blurred: also keep blurred photographs that a geometry explains, which takes
+        longer""")
+    best: int | None = option("""--best N: keep the N sharpest photographs, or the sharpest frame of each of N
+        equal parts of a video; those called sharp come first, and then the width of all blur decides""")
     every_best: Annotated[float | None, neighbours] = option("""--every-best N: keep the sharpest of every N
-        neighbours, or as 0.5s of every so many seconds of a video""")
+        neighbours, or, with 0.5s, of every half second of a video""")
     max_smear: Annotated[Length, length] = option(
-        """--max-smear PX: the longest smear of a sharp photograph, in pixels or as 0.3%% of its width
-        (default: %(default)s, up to which half of its SIFT features are still matched)""",
+        """--max-smear PX: longest smear of a sharp photograph, in pixels or, as 0.3%%, in per cent of its
+        width (default: %(default)s, up to which half of its SIFT features are still matched)""",
         Length(MAX_SMEAR_PX),
     )
     max_defocus: Annotated[float, radius] = option(
-        """--max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default:
+        """--max-defocus PX: largest radius of defocus of a sharp photograph, in pixels (default:
         %(default)s)""",
         MAX_DEFOCUS_PX,
     )
 
     exit_codes = Command.exit_codes | {
-        "0": "done, whatever the uses are",
-        "130": "interrupted by Ctrl-C; the table of what is done is written, no list and no picture",
+        "0": "done, whatever the photographs are good for",
+        "130": "interrupted by Ctrl-C; the table of what is done is written, but no list and no picture",
     }
     examples = (
         "blur2view triage clip.mp4 --every-best 6 --extract frames",
@@ -97,7 +100,7 @@ class TriageOptions(Command):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
-            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
+            raise ValueError("--best and --every-best choose what is kept; add --keep LIST or --extract DIR")
 
     def execute(self) -> int:
         """Return the exit code, after looking at every photograph and writing table, list and pictures.
@@ -178,7 +181,7 @@ class TriageOptions(Command):
         if self.every_best is None or isinstance(self.every_best, int):
             return self.every_best or 1
         if source.frame is None:
-            raise ImageError(f"{source}: is not a frame of a video; name a number with --every-best")
+            raise ImageError(f"{source}: is not a frame of a video; give --every-best a number")
         return max(round(self.every_best * frame_rate(source.path) / self.reading.every), 1)
 
     def _chosen(self, jobs: Sequence[Job], pictures: Pictures | None) -> Chosen:
@@ -207,7 +210,7 @@ def _listable(job: Job) -> Job:
     """Return a job, which is refused if a list cannot hold its name."""
     if not {"\n", "\r"} & set(job.name):
         return job
-    why = f"{job.source}: its name holds a line break, which a list cannot hold; rename it, or omit --keep"
+    why = f"{job.source}: a list cannot hold its name, which has a line break; rename it, or omit --keep"
     return replace(job, refusal=job.refusal or OutputError(why))
 
 
@@ -251,7 +254,7 @@ def extract(targets: Mapping[Source, Path], kept: Collection[Source], pictures: 
         path = targets[source]
         if path.is_symlink() or path.read_bytes() != (pictures.get(source) or source.picture()):
             remedy = "move it away, or name an empty folder with --extract"
-            raise OutputError(f"{path}: is not what this call would write; {remedy}")
+            raise OutputError(f"{path}: differs from what this call would write; {remedy}")
     for source in there:
         if source not in kept:
             targets[source].unlink()

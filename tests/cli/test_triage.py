@@ -153,7 +153,7 @@ def test_extracted_are_the_best_of_every_few_and_nothing_of_others_is_replaced(
     before = contents(folder)
     assert call("triage", *words, "--keep", keep) == 0 and contents(folder) == before
     assert call("triage", clip, "--best", 1, "--extract", folder) == 0 and len(contents(folder)) == 1
-    for name, why in (("mine.txt", "holds mine.txt"), (names[0], "is not what this call would write")):
+    for name, why in (("mine.txt", "holds mine.txt"), (names[0], "differs from what this call would write")):
         (folder / name).write_text("mine")
         before = contents(folder)
         done = call("triage", *words)
@@ -186,7 +186,7 @@ def test_a_list_names_what_it_was_written_of(call: Call, still: Path, here: Path
         shutil.copy(still, f"in/{name}")
     paths = [Path("in", name) for name in names]
     done = call("triage", *paths, "in/line\nbreak.png", "--keep", "in/keep.txt")
-    assert done == 1 and "its name holds a line break" in done.line
+    assert done == 1 and "its name, which has a line break" in done.line
     assert call("triage", "@in/keep.txt", "--csv", "t.csv") == 0
     assert {row["name"].removeprefix("./") for row in table(Path("t.csv"))} == set(names)
 
