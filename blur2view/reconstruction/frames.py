@@ -19,8 +19,8 @@ from blur2view.images.video import EndOfVideo, read_frame
 READ_BY_COLMAP = frozenset([".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".pnm", ".ppm", ".tif", ".tiff"])
 THUMBNAIL_PX = 160  # longer side of what shows how the picture moves
 STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
-STRETCHES = 60  # at least, where there are so many frames and the camera moves
-STRETCHES_STILL = 12  # where it hardly does
+FEWEST = 12  # stretches, where there are so many frames
+FEW = 60  # frames of a camera that moves, up to which all are chosen
 
 
 class Frame(NamedTuple):
@@ -117,10 +117,9 @@ def chosen(frames: Sequence[Frame], limit: int) -> list[Frame]:
     Of few frames all are chosen. Where the picture hardly moves, stretches are of as many frames each.
     """
     way = np.cumsum([frame.moved for frame in frames])
-    fewest = STRETCHES if way[-1] > STRETCH else STRETCHES_STILL
-    count = min(max(int(way[-1] / STRETCH), fewest), limit, len(frames))
-    if count == len(frames):
+    if len(frames) <= min(FEW, limit) and way[-1] > STRETCH:
         return list(frames)
+    count = int(np.clip(way[-1] / STRETCH, min(FEWEST, len(frames)), min(limit, len(frames))))
     even = np.arange(len(frames)) / len(frames)
     along = way / way[-1] if way[-1] > STRETCH else even
     # a share by time, so that no pause is left without frames
