@@ -1,12 +1,14 @@
 """Which frames are looked at closely where one of some neighbours is chosen."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from blur2view.arrays import AnyArray
+from blur2view.cli import run
 from blur2view.cli.choosing import NEIGHBOURS, candidates
 from blur2view.cli.jobs import Job
 from blur2view.images.inputs import Source
@@ -79,3 +81,19 @@ def test_seconds_are_those_of_the_video(call: Call, tmp_path: Path, still: Path)
     assert first < 5 <= second
     assert "is not a frame of a video" in call("triage", still, "--every-best", "1s", "--keep", keep).line
     assert "expected a number as 10 or a duration as 0.5s" in call("triage", clip, "--every-best", "0s").line
+
+
+def test_a_candidate_is_looked_at_once_and_a_photograph_of_a_table_as_closely_as_it_needs(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closer, estimated = list[bool](), run.estimate
+
+    def noted(*words: Any, **options: Any) -> Any:
+        closer.append(options["closer"])
+        return estimated(*words, **options)
+
+    monkeypatch.setattr(run, "estimate", noted)
+    clip = write_blurred(tmp_path / "a.mp4", [5, 1, 5, 5, 0.5, 5])
+    assert call("triage", clip, "--every-best", 6, "--keep", tmp_path / "k.txt", "--jobs", 1) == 0
+    assert call("triage", clip, "--jobs", 1) == 0
+    assert closer == [False] * 2 + [True] * 6
