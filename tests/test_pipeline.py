@@ -68,7 +68,7 @@ NO_PHOTOGRAPHS: list[Any] = [
 
 @pytest.mark.parametrize("image", NO_PHOTOGRAPHS, ids=repr)
 def test_what_is_no_photograph_is_one_value_error(image: Any, network: SmearNetwork) -> None:
-    with pytest.raises(ValueError, match="expected") as refused:
+    with pytest.raises(ValueError, match="expected|cannot be used") as refused:
         estimate(image, network=network)
     assert "\n" not in str(refused.value)
 
@@ -120,7 +120,7 @@ def test_masks_take_a_generator_or_its_seed_and_times_are_finite(network: SmearN
     found = estimate(PICTURE, network=network)
     by_seed, by_generator = (segment(found, PICTURE, rng) for rng in (5, np.random.default_rng(5)))
     np.testing.assert_array_equal(by_seed.labels, by_generator.labels)
-    with pytest.raises(ValueError, match="must be finite seconds, got nan of frame 1"):
+    with pytest.raises(ValueError, match="must be finite seconds, got nan for frame 1"):
         list(estimate_frames([PICTURE] * 2, timestamps_s=[0.0, np.nan], network=network))
 
 
@@ -150,7 +150,7 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
             ValueError, match=r"matches must be a blur2view.SmearMatches, as of select_matches"
         ):
             estimate_two_view(wrong)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="is a folder; give map"):
+    with pytest.raises(ValueError, match="is a folder; pass map"):
         estimate_frames(Path(__file__).parent)
     with pytest.raises(ValueError, match="grid must be a blur2view.SmearGrid, as of network.predict"):
         select_matches(PICTURE)  # type: ignore[arg-type]
