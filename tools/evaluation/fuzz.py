@@ -23,6 +23,7 @@ import numpy as np
 
 from blur2view.cli.recover import NOTES as RECOVERING
 from tools.command import Target, publish, run, table
+from tools.evaluation.odd_arguments import WRITTEN
 from tools.evaluation.odd_inputs import KINDS, LITTLE, OUTPUTS, ROOT, SCENE, drawn, make_inputs
 
 PATIENCE_S = 180.0
@@ -52,6 +53,7 @@ def complaints(
     found += [f"foreign line {line[:200]}" for line in lines if not line.startswith("blur2view")][:1]
     found += ["fails in silence"] if done.returncode and not lines else []
     asked = tuple(word.split("/")[0] for option, word in pairwise(words) if option in OUTPUTS)
+    asked += WRITTEN if words[0].isdecimal() else ()  # the seed of a call of the library
     going_on = {"--link", "--resume"} & set(words) or words[:3] == SCENE.split()[:3] and "scene" in words
     linked = asked if going_on else ()  # and files beside that database
     after = snapshot(folder)

@@ -52,6 +52,7 @@ PATHS = (
     "\udcff",
     "x" * 300,
 )
+WRITTEN = "made", "copies", "a.npz", "notes.jsonl", "nowhere", "frames"  # what calls may make, or add to
 CAMERAS = (
     "",
     "PINHOLE",
@@ -233,6 +234,9 @@ def is_said(error: Exception) -> bool:
 
 def main(seed: int) -> int:
     """Make the call; return the exit code."""
+    import pycolmap  # after blur2view, which says why
+
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
     rng = np.random.default_rng(seed)
     call = CALLS[int(rng.integers(len(CALLS)))]
     try:
