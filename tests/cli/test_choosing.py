@@ -13,6 +13,7 @@ from blur2view.cli.choosing import NEIGHBOURS, candidates
 from blur2view.cli.jobs import Job
 from blur2view.images.inputs import Source
 from blur2view.images.pixels import gradient_energy
+from blur2view.pipeline import estimate
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_frames
 
@@ -86,7 +87,7 @@ def test_seconds_are_those_of_the_video(call: Call, tmp_path: Path, still: Path)
 def test_a_candidate_is_looked_at_once_and_a_photograph_of_a_table_as_closely_as_it_needs(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    closer, estimated = list[bool](), run.estimate
+    closer, estimated = list[bool](), estimate
 
     def noted(*words: Any, **options: Any) -> Any:
         closer.append(options["closer"])
