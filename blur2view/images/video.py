@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -187,9 +188,16 @@ class _Reader:
         return end
 
 
-@lru_cache(maxsize=1)
 def _reader(video: Path) -> _Reader:
-    """Return the reader of a video; the last one stays open."""
+    """Return the reader of a video as it is now; the last one stays open."""
+    with suppress(OSError):
+        state = video.stat()
+        return _reader_of(video, state.st_size, state.st_mtime_ns)
+    return _reader_of(video, 0, 0)  # which says what is wrong
+
+
+@lru_cache(maxsize=1)
+def _reader_of(video: Path, size: int, changed_ns: int) -> _Reader:
     return _Reader(video)
 
 

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from pathlib import Path
 
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
@@ -13,11 +14,11 @@ from blur2view.pipeline import estimate
 from blur2view.results.record import Record
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX
 
-Path = str | os.PathLike[str]
+PathLike = str | os.PathLike[str]
 
 
 def triage(
-    paths: Path | Iterable[Path],
+    paths: PathLike | Iterable[PathLike],
     *,
     max_smear_px: float = MAX_SMEAR_PX,
     max_defocus_px: float = MAX_DEFOCUS_PX,

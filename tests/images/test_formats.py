@@ -21,7 +21,7 @@ from blur2view.images.image import read_image
 from blur2view.images.inputs import Source, frame_named
 from blur2view.images.video import EndOfVideo, read_frame, rows_towards
 from tests.images.test_image import tiff
-from tests.support.many_photographs import write_video
+from tests.support.many_photographs import write_frames, write_video
 
 GREY = np.full((40, 60, 3), 118, np.uint8)
 
@@ -142,3 +142,10 @@ def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_the
         assert caught.value.whole == whole
     with pytest.raises(ImageError, match=f"none with the number {announced}"):
         read_frame(clip, announced)
+
+
+def test_a_video_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
+    for light in (40, 200):
+        frame = np.full((64, 80, 3), light, np.uint8)
+        read = read_frame(write_frames(tmp_path / "a.mp4", [frame] * 3), 0)
+        assert abs(float(read.mean()) - light) < 20

@@ -149,7 +149,7 @@ def test_tiff_that_no_decoder_reads_right_is_refused(
     tmp_path: Path, data: np.ndarray, layout: dict[str, Any]
 ) -> None:
     path = tiff(tmp_path / "rare.tif", data, **layout)
-    with pytest.raises(ImageError, match="is a TIFF that cannot be read .*; save it as PNG"):
+    with pytest.raises(ImageError, match="is a TIFF of a kind that cannot be read .*; save it as PNG"):
         read_image(path)
 
 
