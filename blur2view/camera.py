@@ -7,6 +7,7 @@ pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_g
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 from typing import Any
 
@@ -265,9 +266,11 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
     if made is None:
         defect = "has no rays in a plane" if model in NO_RAYS else "is an unknown model"
-        why = f"{model} {defect}; known are {', '.join(known)}"
+        near = "".join(f"; did you mean {name}?" for name in get_close_matches(model, known, 1))
+        why = f"{model} {defect}{near or '; known are ' + ', '.join(known)}"
     elif len(params) != len(made.params):
-        why = f"{model} has the parameters {made.params_info}, got {len(params)} values"
+        numbers = f"{len(made.params)} numbers ({made.params_info})"
+        why = f"after width and height {model} has {numbers}, got {len(params)}"
     elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
         why = f"needs a positive width and height below {MAX_SIDE} pixels"
     elif not (np.abs(params) <= FOCAL_PX[1]).all():

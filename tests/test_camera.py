@@ -68,9 +68,9 @@ def test_a_camera_without_rays_in_a_plane_is_refused_when_it_is_made() -> None:
     ("text", "words"),
     [
         ("nonsense", "neither"),
-        ("SIMPLE_RADIAL 640 480 525 320 240", "has the parameters f, cx, cy, k"),
+        ("SIMPLE_RADIAL 640 480 525 320 240", "SIMPLE_RADIAL has 4 numbers .f, cx, cy, k., got 3"),
         ("EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR has no rays in a plane; known are .*RADIAL"),
-        ("RADIAN 640 480 640 480", "RADIAN is an unknown model; known are .*RADIAL"),
+        ("RADIAN 640 480 640 480", "RADIAN is an unknown model; did you mean RADIAL"),
         ("PINHOLE 640 480 nan 525 320 240", "finite"),
         ("PINHOLE 640 480 -525 525 320 240", "focal length must be"),
         ("PINHOLE 0 480 525 525 320 240", "positive"),

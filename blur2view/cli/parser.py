@@ -94,7 +94,7 @@ probability = quantity("a probability above 0 and below 1", lambda value, _: 0 <
 seconds = quantity(SECONDS, lambda value, unit: unit or value <= LONG_S, ms=1000, s=1)
 exposure_s = quantity(SECONDS, lambda value, unit: value > 1e-9 and (unit or value <= LONG_S), ms=1000, s=1)
 focal_px = quantity(
-    "pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres from the photograph)",
+    "a positive number of pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres)",
     lambda value, unit: unit or value >= MIN_FOCAL_PX,
     px=1,
 )

@@ -211,7 +211,9 @@ def _opened(video: Path) -> Any:
     except UnicodeError:  # at which OpenCV ends the process
         raise ImageError(f"{video}: OpenCV cannot open its name, which is not UTF-8; rename it") from None
     os.environ.setdefault(*FILES_ONLY)  # which OpenCV reads whenever it opens a video
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # it would print what we raise
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
+    cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
         remedy = "copy it again if it is damaged or cut off, or convert it to MP4, or name its frames"
         raise ImageError(f"{video}: cannot be opened as a video; {remedy}")

@@ -188,6 +188,11 @@ def blur_of(
     Blur
         Its kind, and the lengths of smear and defocus, pixels.
 
+    Raises
+    ------
+    ValueError
+        If the photograph has another size than the one of the grid.
+
     Examples
     --------
     >>> import blur2view
@@ -195,6 +200,8 @@ def blur_of(
     >>> print(blur2view.blur_of(grid).kind)
     camera moved
     """
+    if image is not None and np.shape(image)[:2] != grid.shape:
+        raise ValueError(f"expected the photograph of the grid, {grid.shape}, got {np.shape(image)}")
     nothing, movers = "" if image is None else nothing_seen(image, grid), None
     if moving is not None or camera_moved is not None or moving_share is not None:
         cells = np.zeros(grid.cells.shape[:2]) if moving is None else np.asarray(moving, float)

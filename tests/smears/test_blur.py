@@ -176,3 +176,9 @@ def test_logits_are_read_as_probabilities_and_radii() -> None:
     logits = np.full((1, 1, 24), -30, np.float32)
     logits[..., 9] = 0
     assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)
+
+
+def test_a_photograph_of_another_size_is_refused() -> None:
+    for shape in ((0, 0, 3), (384, 500, 3), (4,)):
+        with pytest.raises(ValueError, match="expected the photograph of the grid"):
+            blur_of(grid(within(4, 4)), np.zeros(shape))
