@@ -64,7 +64,7 @@ def _answer(
     pycolmap.logging.minloglevel = log_level
     try:
         answer.send(call(*given, **options))
-    except Exception as error:
+    except Exception as error:  # of any type: it is raised where the call was asked for
         answer.send(error)
 
 
