@@ -13,7 +13,7 @@ AnyArray = NDArray[Any]
 TINY = 1e-30
 
 
-def white_of(image: AnyArray) -> int:
+def white_level(image: AnyArray) -> int:
     """Return the value of white in a picture of integers, or of floats in [0, 1]."""
     return int(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1
 

@@ -143,15 +143,15 @@ class Camera:
         >>> Camera.from_opencv(K, np.array([0.1, 0, 0, 0]), (1281, 721)).model
         'OPENCV'
         """
-        given = [] if dist is None else np.asarray(dist, float).ravel().tolist()
-        if len(given) not in (0, 4, 5, 8, 12, 14) or any(given[8:]):
-            raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given}")
+        coefficients = [] if dist is None else np.asarray(dist, float).ravel().tolist()
+        if len(coefficients) not in (0, 4, 5, 8, 12, 14) or any(coefficients[8:]):
+            raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {coefficients}")
         width, height = _sides(size)
         pinhole = cls(K=K, width=width, height=height)  # which checks K
-        count = 4 if any(given) else 0
-        if any(given[4:]):
+        count = 4 if any(coefficients) else 0
+        if any(coefficients[4:]):
             count = 8
-        params = (*pinhole.params, *[*given, *[0.0] * 8][:count])
+        params = (*pinhole.params, *[*coefficients, *[0.0] * 8][:count])
         return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], width, height, params), "opencv")
 
     @classmethod
@@ -262,14 +262,14 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     """Return a pycolmap.Camera; CameraError if the model is unknown or a value is impossible."""
     import pycolmap  # slow to import, and needed only where a camera has more than a focal length
 
-    known = [name for name in pycolmap.CameraModelId.__members__ if name not in NO_RAYS]
-    made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
-    if made is None:
+    models = [name for name in pycolmap.CameraModelId.__members__ if name not in NO_RAYS]
+    example = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in models else None
+    if example is None:
         defect = "has no rays in a plane" if model in NO_RAYS else "is an unknown model"
-        near = "".join(f"; did you mean {name}?" for name in get_close_matches(model, known, 1))
-        why = f"{model} {defect}{near or '; known are ' + ', '.join(known)}"
-    elif len(params) != len(made.params):
-        numbers = f"{len(made.params)} numbers ({made.params_info})"
+        near = "".join(f"; did you mean {name}?" for name in get_close_matches(model, models, 1))
+        why = f"{model} {defect}{near or '; known are ' + ', '.join(models)}"
+    elif len(params) != len(example.params):
+        numbers = f"{len(example.params)} numbers ({example.params_info})"
         why = f"after width and height {model} has {numbers}, got {len(params)}"
     elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
         why = f"needs a positive width and height below {MAX_SIDE} pixels"
@@ -314,7 +314,7 @@ class ExifValues:
         return replace(camera, log_focal_sigma=log_focal_sigma)
 
 
-def exif_of(photo: Image.Image) -> ExifValues:
+def read_exif(photo: Image.Image) -> ExifValues:
     """Return focal length, exposure time and direction of rows, as far as a picture's EXIF states them.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
@@ -344,8 +344,8 @@ def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, s
     if (film_mm := _positive(tags, "FocalLengthIn35mmFilm")) is not None:
         focal_px, names = film_mm * float(np.hypot(*size)) / DIAGONAL_35MM, "FocalLengthIn35mmFilm"
     elif lens_mm is not None and resolution is not None and unit_mm is not None:
-        taken = max(_positive(tags, "ExifImageWidth") or 0, _positive(tags, "ExifImageHeight") or 0)
-        focal_px = lens_mm * resolution / unit_mm * (max(size) / taken if taken else 1.0)
+        side_when_taken = max(_positive(tags, "ExifImageWidth") or 0, _positive(tags, "ExifImageHeight") or 0)
+        focal_px = lens_mm * resolution / unit_mm * (max(size) / side_when_taken if side_when_taken else 1.0)
         names = "FocalLength, FocalPlaneXResolution"
     return (focal_px, names) if possible_focal(focal_px) else (None, "")
 

@@ -86,11 +86,11 @@ def open_picture(content: bytes | BinaryIO) -> "ImageFile":
     """
     from PIL import Image
 
-    known = [name for name in FORMATS if name != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
+    formats = [name for name in FORMATS if name != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
     extras = [name for name in FORMATS_BY_EXTRAS if name in Image.OPEN]
     file = io.BytesIO(content) if isinstance(content, bytes) else content
     try:
-        return Image.open(file, formats=[*known, *extras])
+        return Image.open(file, formats=[*formats, *extras])
     except ValueError as error:
         if "MAX_TEXT" not in str(error):
             raise
@@ -100,13 +100,13 @@ def open_picture(content: bytes | BinaryIO) -> "ImageFile":
 
 def _without_texts(png: bytes) -> bytes:
     """Return a PNG without its text chunks, the longest of which Pillow refuses."""
-    kept, start = [png[:8]], 8
+    parts, start = [png[:8]], 8
     while start < len(png):
         end = start + 12 + int.from_bytes(png[start : start + 4])
         if png[start + 4 : start + 8] not in (b"tEXt", b"zTXt", b"iTXt"):
-            kept.append(png[start:end])
+            parts.append(png[start:end])
         start = end
-    return b"".join(kept)
+    return b"".join(parts)
 
 
 def quick_digest(path: Path) -> str:
@@ -164,7 +164,7 @@ def note(digests: Mapping[Path, str]) -> None:
     """
     folders = {Path(os.path.realpath(path)).parent for path in digests}
     for folder in sorted(folders):
-        lines = {name: sorted(noted) for name, noted in _notes(folder).items()}
+        lines = {name: sorted(earlier) for name, earlier in _notes(folder).items()}
         for path, digest in digests.items():
             real = Path(os.path.realpath(path))
             if real.parent == folder:
@@ -177,19 +177,19 @@ def note(digests: Mapping[Path, str]) -> None:
 def is_noted(path: Path) -> bool | None:
     """Return whether a file is as blur2view noted it; None if nothing was noted of it, or it is gone."""
     real = Path(os.path.realpath(path))
-    noted = _notes(real.parent).get(real.name)
-    return None if noted is None or not real.exists() else file_digest(real) in noted
+    digests = _notes(real.parent).get(real.name)
+    return None if digests is None or not real.exists() else file_digest(real) in digests
 
 
 def _notes(folder: Path) -> dict[str, set[str]]:
     """Return the digests that are noted of files in a folder, by their names."""
-    found = dict[str, set[str]]()
+    notes = dict[str, set[str]]()
     with suppress(OSError):
         for row in read_regular(folder / NOTES).decode("ascii", "replace").splitlines():
             digest, _, name = row.partition("  ")
             with suppress(UnicodeDecodeError):
-                found.setdefault(name.encode().decode("unicode_escape"), set()).add(digest)
-    return found
+                notes.setdefault(name.encode().decode("unicode_escape"), set()).add(digest)
+    return notes
 
 
 def _ascii(name: str) -> str:

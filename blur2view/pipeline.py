@@ -12,7 +12,7 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
-from blur2view.images.pixels import photograph_of, unusable_size
+from blur2view.images.pixels import as_photograph, unusable_size
 from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
@@ -133,7 +133,7 @@ def estimate(
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
     require("network", network, SmearReader, "with predict, model_id and execution, or a path")
-    image = photograph_of(image)
+    image = as_photograph(image)
     height, width = image.shape[:2]
     if remedy := unusable_size(width, height):
         raise ValueError(f"a photograph of {width}x{height} pixels cannot be used; {remedy}")
@@ -143,20 +143,20 @@ def estimate(
         grid = network.predict(image)  # F fits some 48 smears of any kind
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
-        rng, moved = np.random.default_rng(rng or 0), grid.kinds is not None
-        found = (
-            estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
-            if geometry or not moved  # without kinds of blur the fit alone tells whether the camera moved
+        rng, knows_motion = np.random.default_rng(rng or 0), grid.kinds is not None
+        two_view = (
+            estimate_two_view(matches, options, rng, camera, shutter, moved=knows_motion)
+            if geometry or not knows_motion  # without kinds the fit alone tells whether the camera moved
             else without_fit(matches)
         )
-        blur = replace(evidence, stood_still=found.stood_still).blur
+        blur = replace(evidence, stood_still=two_view.stood_still).blur
     else:
-        found = without_motion(matches, blur)
+        two_view = without_motion(matches, blur)
     return Estimate(
         grid=grid,
         blur=blur,
         matches=matches,
-        geometry=found,
+        geometry=two_view,
         model_id=network.model_id,
         camera=camera,
         shutter=shutter if shutter is not None and shutter.readout_s else None,
@@ -212,7 +212,7 @@ def segment(
     >>> sorted(mask.shares)
     ['moving', 'static', 'unobservable']
     """
-    image, grid = photograph_of(image), estimate.grid
+    image, grid = as_photograph(image), estimate.grid
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     if not 0 < threshold < 1:
@@ -229,9 +229,9 @@ def _seen(
     Where fewer windows are read and leave the name open, all are, so that it is the one of
     ``Detail.GEOMETRY``.
     """
-    grid, every = network.predict(image, detail=detail), detail is Detail.GEOMETRY
-    evidence = Evidence(grid=grid, every_window=every, nothing_seen=nothing_seen(image, grid))
-    if not (every or closer):
+    grid, every_window = network.predict(image, detail=detail), detail is Detail.GEOMETRY
+    evidence = Evidence(grid=grid, every_window=every_window, nothing_seen=nothing_seen(image, grid))
+    if not (every_window or closer):
         return evidence, None
     if evidence.needed is Needed.WINDOWS:
         evidence = replace(evidence, grid=network.predict(image), every_window=True)

@@ -45,25 +45,25 @@ def not_started(error: OSError) -> RunError:
 
 
 def processes(
-    count: int, prepare: Callable[..., None] | None = None, given: tuple[Any, ...] = (), *, stop: Any = None
+    count: int, prepare: Callable[..., None] | None = None, args: tuple[Any, ...] = (), *, stop: Any = None
 ) -> "ProcessPoolExecutor":
-    """Return an executor of processes, each of which is prepared by ``prepare(*given)``.
+    """Return an executor of processes, each of which is prepared by ``prepare(*args)``.
 
     They end when ``stop`` is set, an event of `spawn_context`, whatever they are doing.
     """
     from concurrent.futures import ProcessPoolExecutor
 
     return ProcessPoolExecutor(
-        count, mp_context=spawn_context(), initializer=_begin, initargs=(stop, prepare, given)
+        count, mp_context=spawn_context(), initializer=_begin, initargs=(stop, prepare, args)
     )
 
 
-def _begin(stop: Any, prepare: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
+def _begin(stop: Any, prepare: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
     """Prepare a process."""
     follow_parent(stop)
     cv2.setNumThreads(1)
     if prepare is not None:
-        prepare(*given)
+        prepare(*args)
 
 
 def follow_parent(stop: Any = None) -> None:

@@ -100,8 +100,8 @@ def test_a_camera_that_a_database_has_not_or_that_is_none(database: Path) -> Non
 
 def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Path) -> None:
     path, exif = Path("walks/b.jpg"), ExifValues(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
-    assert CameraStated().camera_of(path, SIZE, ExifValues()) is None
-    hint = CameraStated().camera_of(path, SIZE, exif)
+    assert CameraStated().camera_for(path, SIZE, ExifValues()) is None
+    hint = CameraStated().camera_for(path, SIZE, exif)
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
     for lens, focal_px, source in (
         (CameraStated(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
@@ -110,11 +110,11 @@ def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Pat
         (CameraStated(camera=f"{database}:1"), 525, "database, camera 1"),
         (CameraStated(camera=RADIAL), 525, "camera string"),
     ):
-        camera = lens.camera_of(path, SIZE, exif)
+        camera = lens.camera_for(path, SIZE, exif)
         assert camera is not None and camera.known and camera.source == source
         assert camera.focal_px == pytest.approx(focal_px)
     with pytest.raises(CameraError, match="EXIF states no focal length; give it"):
-        CameraStated(camera="exif").camera_of(path, SIZE, ExifValues())
+        CameraStated(camera="exif").camera_for(path, SIZE, ExifValues())
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8])

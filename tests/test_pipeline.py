@@ -15,7 +15,7 @@ from blur2view.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.pose import rotation_vector
-from blur2view.images.pixels import rgb_of
+from blur2view.images.pixels import as_rgb
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate, segment
@@ -52,7 +52,7 @@ def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: Any) -> None
     levels: AnyArray = (np.random.default_rng(0).integers(0, 256, (48, 64, 3)) / 255 * top).astype(kind)
     expected = (levels / top).astype(np.float32)
     for image in (levels, np.asfortranarray(levels), levels[::-1, :, ::-1][::-1, :, ::-1]):
-        found = rgb_of(image)
+        found = as_rgb(image)
         assert found.dtype == np.float32 and found.flags.c_contiguous
         np.testing.assert_allclose(found, expected, atol=1e-7)
 
@@ -83,11 +83,11 @@ def test_photograph_may_be_a_path_a_picture_of_pillow_grey_or_transparent(
     for image in (path, str(path), picture):
         assert numbers(estimate(image, network=network)) == expected
     half = np.dstack([levels, np.full(levels.shape[:2], 51, np.uint8)])
-    np.testing.assert_allclose(rgb_of(half), 0.5 + 0.2 * (rgb_of(levels) - 0.5), atol=1e-6)
-    np.testing.assert_array_equal(rgb_of(Image.fromarray(half)), rgb_of(half))
-    np.testing.assert_array_equal(rgb_of(levels[..., :1]), rgb_of(levels[..., 0]))
+    np.testing.assert_allclose(as_rgb(half), 0.5 + 0.2 * (as_rgb(levels) - 0.5), atol=1e-6)
+    np.testing.assert_array_equal(as_rgb(Image.fromarray(half)), as_rgb(half))
+    np.testing.assert_array_equal(as_rgb(levels[..., :1]), as_rgb(levels[..., 0]))
     deep = levels[..., 0].astype(np.uint16) * 257
-    np.testing.assert_array_equal(rgb_of(Image.fromarray(deep)), rgb_of(deep))
+    np.testing.assert_array_equal(as_rgb(Image.fromarray(deep)), as_rgb(deep))
     with pytest.raises(ImageError, match="no such file"):
         estimate("absent.jpg", network=network)
 

@@ -20,7 +20,7 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.errors import ImageError
 from blur2view.files import unwritable, writable_folder
 from blur2view.images.image import Content
-from blur2view.images.inputs import Source, png_of
+from blur2view.images.inputs import Source, encode_png
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import frame_time
 from blur2view.results.record import Record
@@ -78,7 +78,7 @@ Rank = tuple[bool, float]
 """Less is sharper: whether it is not called sharp, and the width of all of its blur in pixels."""
 
 
-def rank_of(record: Record) -> Rank:
+def sharpness_rank(record: Record) -> Rank:
     """Return the place of a photograph among others; where nothing is seen it comes last."""
     return record.use != Use.SHARP, inf if record.blur_px is None else record.blur_px
 
@@ -119,7 +119,7 @@ class Chosen:
         record, group = outcome.record, self._group[job.source]
         if not record.error and (not self._wanted or record.use in self._wanted):
             content = None if job.source.frame is None or self._pictures is None else job.content
-            new = Candidate(job=replace(job, content=None), rank=rank_of(record), content=content)
+            new = Candidate(job=replace(job, content=None), rank=sharpness_rank(record), content=content)
             if group not in self._open or new.rank < self._open[group].rank:
                 self._open[group] = new
         self._close(self._place[job.source])
@@ -150,7 +150,7 @@ class Pictures:
     def add(self, source: Source, content: Content | Shared) -> None:
         """Encode the pixels of a frame; OutputError if the disk is full."""
         pixels = content.read() if isinstance(content, Shared) else content
-        encoded = png_of(np.asarray(pixels))
+        encoded = encode_png(np.asarray(pixels))
         try:
             start = self._file.seek(0, 2)
             self._file.write(encoded)

@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:  # a shell asks how a line may go on
             from blur2view.cli.completion import complete
 
-            complete(COMMANDS, partial(parser_of, everything=True))
+            complete(COMMANDS, partial(command_parser, everything=True))
         try:
             options = parse(sys.argv[1:] if arguments is None else arguments)
             code: int = options.execute()
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if _was_interrupted(error):
             complain(Blur2ViewError("interrupted"))
             return INTERRUPTED
-        complain(_of_system(error, jobs=hasattr(options, "many")))
+        complain(_system_error(error, jobs=hasattr(options, "many")))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
@@ -85,7 +85,7 @@ def _was_interrupted(error: BaseException | None) -> bool:
     return error is not None
 
 
-def _of_system(error: Exception, *, jobs: bool) -> Blur2ViewError:
+def _system_error(error: Exception, *, jobs: bool) -> Blur2ViewError:
     """Return the line for an error that too little memory caused; any other error is raised again."""
     said = " ".join(str(error).split())
     if isinstance(error, MemoryError) or "start new thread" in said:
@@ -99,7 +99,7 @@ def parse(words: Sequence[str]) -> Any:
     """Return the options of the command that the first word names; wrong usage prints one line and exits."""
     command = next(iter(words), "")
     if command in COMMANDS:
-        return parser_of(command, everything="--help-all" in words).read(words[1:])
+        return command_parser(command, everything="--help-all" in words).read(words[1:])
     parser = Parser(
         prog="blur2view", usage="blur2view COMMAND [OPTIONS]", description=DESCRIPTION, formatter_class=Layout
     )
@@ -117,7 +117,7 @@ def parse(words: Sequence[str]) -> Any:
     parser.error(f"{command} is not a command{near}")
 
 
-def parser_of(command: str, *, everything: bool = False) -> CommandParser:
+def command_parser(command: str, *, everything: bool = False) -> CommandParser:
     """Return the parser of a command: for ``to-colmap`` it reads ToColmapOptions of cli/to_colmap.py."""
     module = import_module(f"blur2view.cli.{command.replace('-', '_')}")
     kind = getattr(module, f"{command.title().replace('-', '')}Options")

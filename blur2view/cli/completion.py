@@ -10,7 +10,7 @@ from blur2view.cli.parser import SHORT, OneOf
 ASKED = "_ARGCOMPLETE"  # the shell's question: it counts the words before those that a parser reads
 
 
-def complete(commands: Mapping[str, str], parser_of: Callable[[str], argparse.ArgumentParser]) -> None:
+def complete(commands: Mapping[str, str], command_parser: Callable[[str], argparse.ArgumentParser]) -> None:
     """Print what may stand where the shell's cursor is, and end the process.
 
     A process without argcomplete, or without a line to complete, ends with the exit code 1, so that a command
@@ -25,7 +25,7 @@ def complete(commands: Mapping[str, str], parser_of: Callable[[str], argparse.Ar
         sys.exit(1)
     parser: argparse.ArgumentParser
     if len(words) > first and words[first] in commands:
-        parser = parser_of(words[first])
+        parser = command_parser(words[first])
         os.environ[ASKED] = str(first + 1)
     else:
         parser = argparse.ArgumentParser()

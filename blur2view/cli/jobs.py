@@ -76,7 +76,7 @@ Look = Callable[[Source, Content], Features]
 Done = Generator[tuple[Job, Outcome]]
 
 
-def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neighbours]:
+def neighbours_in_time(sources: Sequence[Source], sequence: bool | None) -> list[Neighbours]:
     """Return the neighbours of each photograph, the earlier one first.
 
     Those of a frame lie beside it in its video; with ``sequence`` those of other photographs are named beside
@@ -290,15 +290,15 @@ def _identified(job: Job) -> Job:
     own = (
         hashlib.sha256(content).hexdigest()
         if alone and isinstance(content, bytes)
-        else _digest_of(job.source.path)
+        else _file_digest(job.source.path)
     )
-    near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
+    near = [_file_digest(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
     return replace(job, input_sha256=own, job_sha256=digest, content=content)
 
 
-def _digest_of(path: Path) -> str:
+def _file_digest(path: Path) -> str:
     """Return the SHA-256 of a photograph's or video's file, empty where it cannot be read."""
     with suppress(OSError):
         return _digest(path, path.stat().st_size, path.stat().st_mtime_ns)
@@ -358,7 +358,7 @@ def _written(job: Job, outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written, or a failure; OutputError on a full disk."""
     if not outcome.contents:
         return outcome
-    record = replace(outcome.record, files_sha256=digest_of_files(outcome.contents))
+    record = replace(outcome.record, files_sha256=combined_digest(outcome.contents))
     document = (record.to_json() + "\n").encode()
     try:
         write_beside(dict(zip(job.files, [*outcome.contents, document], strict=True)))
@@ -369,7 +369,7 @@ def _written(job: Job, outcome: Outcome) -> Outcome:
     return replace(outcome, record=record, contents=())
 
 
-def digest_of_files(contents: Iterable[bytes]) -> str:
+def combined_digest(contents: Iterable[bytes]) -> str:
     """Return one SHA-256 of the sizes and contents of files, in the order of writing."""
     digest = hashlib.sha256()
     for content in contents:

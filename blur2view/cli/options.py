@@ -1,6 +1,6 @@
 """Groups of options that the commands over photographs share.
 
-`run.digest_of` lists those on which the result of a photograph depends.
+`run.options_digest` lists those on which the result of a photograph depends.
 """
 
 import sys
@@ -105,7 +105,7 @@ class CameraStated:
         """Whether there are intrinsics."""
         return self.focal is not None or self.camera is not None
 
-    def camera_of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
+    def camera_for(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of a photograph of this (width, height), upright, as far as it is stated.
 
         Raises CameraError if EXIF has to state the focal length and does not, if a database cannot be used,

@@ -106,22 +106,22 @@ class Length:
     """A length in a photograph."""
 
     value: float
-    of_width: bool = False  # per cent of the photograph's width, otherwise pixels
+    is_percent: bool = False  # per cent of the photograph's width, otherwise pixels
 
     def px(self, width: int) -> float:
         """Return the length in pixels, in a photograph of this width."""
-        return self.value / 100 * width if self.of_width else self.value
+        return self.value / 100 * width if self.is_percent else self.value
 
     def __str__(self) -> str:
         """Return it as the user states it."""
-        return f"{self.value:g}{'%' if self.of_width else ''}"
+        return f"{self.value:g}{'%' if self.is_percent else ''}"
 
 
 def length(text: str) -> Length:
     """Return a length in pixels, or as 0.3% of the width; 0 is one."""
     expected = "pixels as 3, or per cent of the width as 0.3%"
     value = quantity(expected, lambda *_: True, **{"px": 1.0, "%": 1.0})(text)
-    return Length(value, of_width=text.endswith("%"))
+    return Length(value, is_percent=text.endswith("%"))
 
 
 def frame_or_seconds(text: str) -> int | float:
@@ -171,7 +171,7 @@ READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: re
 """What makes a value of a word, by the type of the field."""
 
 
-def words_of(kind: Any) -> tuple[str, str]:
+def split_docstring(kind: Any) -> tuple[str, str]:
     """Split a class's docstring: the first line without its full stop, and the rest as one line."""
     first, _, rest = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")
     return first.removesuffix("."), " ".join(rest.split())
@@ -224,7 +224,7 @@ class CommandParser(Parser):
             prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False, exit_on_error=False
         )
         self.command, self.kind, self.everything = command, kind, everything
-        self.description = words_of(kind)[1]
+        self.description = split_docstring(kind)[1]
         more = f"all options and files: {self.prog} --help-all"
         self.epilog = "\n  ".join(["examples:", *kind.examples])
         if not everything:
@@ -248,7 +248,7 @@ class CommandParser(Parser):
         either = None
         for entry in sorted(fields(kind), key=_place):
             if is_dataclass(entry.type):
-                name, text = words_of(entry.type)
+                name, text = split_docstring(entry.type)
                 self._add(entry.type, name.lower(), text or None)
                 continue
             if title not in self._sections:
@@ -313,7 +313,7 @@ def _place(entry: "Field[Any]") -> int:
     """Return the place of an option or a group in the help: what is a command's own comes first."""
     if not is_dataclass(entry.type):
         return 0
-    title = words_of(entry.type)[0].lower()
+    title = split_docstring(entry.type)[0].lower()
     return 1 + (GROUPS.index(title) if title in GROUPS else len(GROUPS))
 
 

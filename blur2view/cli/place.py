@@ -33,7 +33,7 @@ class PlaceOptions:
     database: Path = required("DB: COLMAP database with the views")
     model: Path = required("""MODEL: folder of COLMAP's model of the frames; of several models in a mapper's
         folder the largest one is taken""")
-    photographs: Path = required("""FRAMES: folder of the frames of one video, which was COLMAP's
+    frames_dir: Path = required("""FRAMES: folder of the frames of one video, which was COLMAP's
         --image_path; the numbers in their names are taken as their times""")
     output: Path = required("-o, --output DIR: folder for the new model")
     fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time divided by frame
@@ -54,7 +54,7 @@ class PlaceOptions:
         from blur2view.exposure.sequence import frame_names
 
         with waiting("placing views", hidden=self.printing.quiet):
-            names, model = frame_names(self.photographs), find_model(self.model, complain)
+            names, model = frame_names(self.frames_dir), find_model(self.model, complain)
             refuse_other_model(self.output, model)
             writable_folder(self.output)
             placement = place_views(self.database, model, names, self.fraction)
@@ -62,9 +62,9 @@ class PlaceOptions:
                 count = plural(len(placement.refused), "frame")
                 raise DatabaseError(
                     f"{self.database}: none of its {count} with views shows how long an exposure is, because "
-                    f"none follows another one in {self.photographs}; {REMEDY}"
+                    f"none follows another one in {self.frames_dir}; {REMEDY}"
                 )
-            write_model(placement.model, self.output, self.photographs, self.database)
+            write_model(placement.model, self.output, self.frames_dir, self.database)
         if not self.printing.quiet:
             for line in refused_lines(placement.refused, "placed", self.printing):
                 print(line)

@@ -120,11 +120,11 @@ class ReconstructOptions:
         step = partial(waiting, hidden=self.printing.quiet)
         made = reconstruct(self.video, self.output, options, jobs=self.jobs, step=step)
         if not self.printing.quiet:
-            print("\n".join(table_of(made, verbose=self.printing.verbose)))
+            print("\n".join(outcome_table(made, verbose=self.printing.verbose)))
         return 0
 
 
-def table_of(made: "Reconstruction", *, verbose: bool = False) -> Iterator[str]:
+def outcome_table(made: "Reconstruction", *, verbose: bool = False) -> Iterator[str]:
     """Yield the lines that tell what became of the frames of a video."""
     posed = [*made.registered, *made.recovered]
     rows = {

@@ -10,7 +10,7 @@ from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.place import refused_lines
 from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
-from blur2view.colmap.models import DATABASE, find_model, ids_of, noted, refuse_other_model, write_model
+from blur2view.colmap.models import DATABASE, find_model, noted, read_ids, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.files import writable_folder
 
@@ -51,7 +51,7 @@ class RecoverOptions:
 
     model: Path = required("""MODEL: folder of COLMAP's model of some frames; of several models in a mapper's
         folder the largest one is taken""")
-    photographs: Path = required("""FRAMES: folder of all frames of one video, which was COLMAP's
+    frames_dir: Path = required("""FRAMES: folder of all frames of one video, which was COLMAP's
         --image_path; the numbers in their names are taken as their times""")
     output: Path = required("-o, --output DIR: folder for the new model")
     tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, a copy of the model's database DB
@@ -84,14 +84,14 @@ class RecoverOptions:
         # and SciPy with them, which no help needs
         from blur2view.colmap.blurred_tracks import check_project, track_frames
         from blur2view.colmap.frame_sequence import FrameSequence
-        from blur2view.colmap.recovery import recovery_of
+        from blur2view.colmap.recovery import finished_recovery
         from blur2view.colmap.recovery_run import Notes, recover_all
         from blur2view.exposure.sequence import frame_names
         from blur2view.networks.model_file import usable_cores
         from blur2view.networks.smear_network import SmearNetwork
 
         names, model, tracks = (
-            frame_names(self.photographs),
+            frame_names(self.frames_dir),
             find_model(self.model, complain),
             self.output / TRACKS,
         )
@@ -101,13 +101,13 @@ class RecoverOptions:
             if os.path.lexists(tracks):
                 raise OutputError(f"{tracks}: already exists; move it away, or name another folder with -o")
             check_project(self.tracks, names)
-        stated = self.database or self.tracks
-        database, known = stated or noted(model, DATABASE), None
-        with nullcontext() if stated else suppress(DatabaseError):  # nobody asked for the one that is noted
-            known = None if database is None else ids_of(database)
+        named = self.database or self.tracks
+        database, ids = named or noted(model, DATABASE), None
+        with nullcontext() if named else suppress(DatabaseError):  # nobody asked for the one that is noted
+            ids = None if database is None else read_ids(database)
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
-            sequence = FrameSequence(model, self.photographs, names, SmearNetwork())
+            sequence = FrameSequence(model, self.frames_dir, names, SmearNetwork())
             notes = Notes(self.output / NOTES, sequence)
             try:
                 recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
@@ -121,10 +121,10 @@ class RecoverOptions:
                 count = len(sequence.refused)
                 lacking = f"any of its {count} missing frames" if count > 1 else "its missing frame"
                 raise DatabaseError(f"{model}: could not recover {lacking}; {name}: {why}")
-            recovery = recovery_of(
-                sequence, known, self.database, views=self.views or None, refine=self.refine
+            recovery = finished_recovery(
+                sequence, ids, self.database, views=self.views or None, refine=self.refine
             )
-            write_model(recovery.model, self.output, self.photographs, database)
+            write_model(recovery.model, self.output, self.frames_dir, database)
         if self.tracks is not None and not interrupted:
             with waiting("matching blurred patches", hidden=quiet) as show:
                 track_frames(sequence, self.tracks, tracks, show)
@@ -132,11 +132,7 @@ class RecoverOptions:
             notes.remove()
         if not quiet:
             self._print(recovery, model, len(names), tracked=self.tracks is not None and not interrupted)
-            if (
-                self.database is None
-                and known is not None
-                and recovery.recovered.keys() & known.images.keys()
-            ):
+            if self.database is None and ids is not None and recovery.recovered.keys() & ids.images.keys():
                 # COLMAP's mappers refuse images that have another number of keypoints than the database
                 print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
         if interrupted:

@@ -15,11 +15,19 @@ import numpy as np
 from blur2view import __version__
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues
-from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, in_processes, neighbours_of
+from blur2view.cli.jobs import (
+    Done,
+    Job,
+    Outcome,
+    combined_digest,
+    in_cluster,
+    in_processes,
+    neighbours_in_time,
+)
 from blur2view.cli.options import STANDARD_OUTPUT, Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
-from blur2view.exposure.sequence import Features, features_of, in_time
+from blur2view.exposure.sequence import Features, extract_features, in_time
 from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.image import Content, Picture, read_image, read_picture
@@ -33,7 +41,7 @@ from blur2view.processes import is_child
 from blur2view.results.record import Record, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
-CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
+FindCamera = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 
 
 class Run:
@@ -83,11 +91,11 @@ class Run:
 
     def _jobs(self, endings: Sequence[str], beside: Callable[[Path], Sequence[Path]]) -> Iterator[Job]:
         """Yield a job for each photograph, with its files if a folder of results is named."""
-        inputs, folder, digest = self.inputs, self.options.folder.output, digest_of(self.options)
-        read, first_of = inputs.read, dict[Path, Source]()
-        near = neighbours_of(inputs.sources, self.options.order.sequence)
-        named = zip(inputs.sources, inputs.names(), inputs.result_names(), near, strict=True)
-        for source, name, stem, neighbours in named:
+        inputs, folder, digest = self.inputs, self.options.folder.output, options_digest(self.options)
+        input_files, source_by_file = inputs.read, dict[Path, Source]()
+        near = neighbours_in_time(inputs.sources, self.options.order.sequence)
+        entries = zip(inputs.sources, inputs.names(), inputs.result_names(), near, strict=True)
+        for source, name, stem, neighbours in entries:
             files: list[Path] = []
             refusal: Blur2ViewError | None = None
             if source.refusal:
@@ -97,10 +105,10 @@ class Run:
                 files = [folder / path for path in (*beside(Path(name)), *own)]
             for path in files:
                 try:
-                    check_file(path, read)
+                    check_file(path, input_files)
                 except OutputError as error:
                     refusal = error
-                if (other := first_of.setdefault(path, source)) != source:
+                if (other := source_by_file.setdefault(path, source)) != source:
                     both = f"{other} and {source}"
                     refusal = OutputError(f"{path}: would hold results of {both}; give each another -o")
             yield Job(
@@ -151,7 +159,7 @@ class Run:
 
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""
-        network_of(self.options.estimating)
+        open_network(self.options.estimating)
         every = {**targets, "csv": self.options.table.csv}
         named = {option: path for option, path in every.items() if path not in (None, STANDARD_OUTPUT)}
         written = {f"--{option}": path for option, path in named.items() if path is not None}
@@ -195,7 +203,7 @@ class Run:
         try:
             record = Record.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
-            whole = record.files_sha256 == digest_of_files(map(read_regular, job.files[:-1]))
+            whole = record.files_sha256 == combined_digest(map(read_regular, job.files[:-1]))
         except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
             return None  # none, or cut off, or changed
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.job_sha256)
@@ -236,7 +244,7 @@ def wrote(job: Job, endings: Sequence[str]) -> str:
     return "; wrote " + ", ".join([f"{name}.{{{listed}}}", *others])
 
 
-def digest_of(options: Command) -> str:
+def options_digest(options: Command) -> str:
     """Return the SHA-256 of all that results depend on besides photographs: options, network, version.
 
     Those options are the groups of the camera, of the estimate and of time, and a command's own but paths.
@@ -251,7 +259,7 @@ def digest_of(options: Command) -> str:
 
 
 @lru_cache(maxsize=1)
-def network_of(estimating: Estimating) -> SmearNetwork:
+def open_network(estimating: Estimating) -> SmearNetwork:
     """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
     threads = 1 if is_child() else usable_cores()  # on which bytes do not depend
     providers = () if estimating.provider is None else (estimating.provider,)
@@ -280,7 +288,7 @@ def estimate_file(
     options: Command,
     job: Job,
     *,
-    camera_of: CameraOf | None = None,
+    find_camera: FindCamera | None = None,
     detail: Detail = Detail.GEOMETRY,
     geometry: bool = True,
     closer: bool = True,
@@ -288,26 +296,26 @@ def estimate_file(
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
-    ``detail``, ``geometry`` and ``closer`` are those of `estimate`; ``camera_of`` gives intrinsics, by
+    ``detail``, ``geometry`` and ``closer`` are those of `estimate`; ``find_camera`` gives intrinsics, by
     default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     source, path, estimating = job.source, Path(str(job.source)), options.estimating
     picture = read_picture(path, as_stored=options.as_stored, content=job.content)
     exif = picture.exif
     exposure_s = options.in_time.exposure or exif.exposure_s
-    found = estimate(
+    result = estimate(
         picture.pixels,
-        network=network_of(estimating),
+        network=open_network(estimating),
         select=estimating.select(),
         options=estimating.robust(),
         rng=np.random.default_rng(estimating.seed),
-        camera=(camera_of or options.stated_camera.camera_of)(path, picture.size, exif),
+        camera=(find_camera or options.stated_camera.camera_for)(path, picture.size, exif),
         shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
         detail=detail,
         geometry=geometry,
         closer=closer,
     )
-    stated = {
+    record_fields = {
         "name": job.name,
         "frame": source.frame,
         "timestamp_s": timestamp_of(source.name) if source.time_s is None else source.time_s,
@@ -320,8 +328,8 @@ def estimate_file(
         "options_sha256": job.job_sha256,
     }
     if job.neighbours:
-        found = in_time(found, job.matches)
-    return EstimatedFile(estimate=found, picture=picture, stated=stated)
+        result = in_time(result, job.matches)
+    return EstimatedFile(estimate=result, picture=picture, stated=record_fields)
 
 
 def _shutter(
@@ -338,4 +346,4 @@ def _shutter(
 
 def features_in(as_stored: bool, source: Source, content: Content) -> Features:
     """Return the features of a photograph, by which its neighbours are matched."""
-    return features_of(read_image(source.path, as_stored=as_stored, content=content))
+    return extract_features(read_image(source.path, as_stored=as_stored, content=content))

@@ -44,7 +44,7 @@ class SegmentOptions(Command):
     camera's motion. Outlines follow the photograph's edges.
     """
 
-    # a field here is part of what --resume compares, unless its type is a Path (`run.digest_of`)
+    # a field here is part of what --resume compares, unless its type is a Path (`run.options_digest`)
     folder: Folder = Folder()
     document: Document = Document()
     threshold: Annotated[float, probability] = option(

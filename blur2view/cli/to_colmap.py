@@ -140,10 +140,10 @@ class ToColmapOptions(Command):
 
 def views_one(options: ToColmapOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and its views."""
-    plan, stated = job.plan, options.stated_camera
+    plan, stated_camera = job.plan, options.stated_camera
 
-    def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
-        camera = stated.camera_of(path, size, exif)
+    def find_camera(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
+        camera = stated_camera.camera_for(path, size, exif)
         if plan is None:
             return camera
         own = plan.camera
@@ -152,10 +152,10 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
                 f"{path}: has {size[0]}x{size[1]} pixels, but {own.width}x{own.height} in {options.db}; "
                 "give the photograph from which the features were extracted"
             )
-        hint = plan.prior_focal and not stated.given
+        hint = plan.prior_focal and not stated_camera.given
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
 
-    file = estimate_file(options, job, camera_of=camera_of)
+    file = estimate_file(options, job, find_camera=find_camera)
     views = views_of(job.name, file.estimate)
     if plan is not None:
         views = keypoint_views(job.name, plan.keypoints, file.estimate, options.estimating.robust())

@@ -51,7 +51,7 @@ class ToTransformsOptions:
     """
 
     model: Path = required("MODEL: folder of a COLMAP model with views")
-    photographs: Path | None = option("""--images DIR: folder of the photographs (default: the folder that
+    images_dir: Path | None = option("""--images DIR: folder of the photographs (default: the folder that
         MODEL/project.ini names, or else images beside the file)""")
     exposure: Annotated[float, exposure_s] = option(
         """--exposure S: exposure time in seconds for nerfstudio, such as 0.02 or 1/50; photographs show only
@@ -92,7 +92,7 @@ class ToTransformsOptions:
         """Return the exit code, after writing for the trainer."""
         gsplat = self.dialect == transforms.GSPLAT
         beside = self.output if gsplat else self.output.parent
-        images = self.photographs or noted(self.model, PICTURES) or beside / PHOTOGRAPHS
+        images = self.images_dir or noted(self.model, PICTURES) or beside / PHOTOGRAPHS
         if not gsplat:
             check_file(self.output)
             writable_folder(beside)
@@ -130,7 +130,7 @@ class ToTransformsOptions:
             and photograph.smear_px <= limit.px(model.cameras[photograph.image.camera_id].width)
         ]
         if not kept:
-            unit = "of the width" if limit.of_width else "px"
+            unit = "of the width" if limit.is_percent else "px"
             raise DatabaseError(f"{self.model}: all smears are longer than {limit} {unit}; raise --max-smear")
         return kept
 
@@ -159,17 +159,17 @@ def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tupl
 def _write_file(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write the file with its masks and points; return the words that say so."""
     target, masks, sizes = options.output, options.masks, _sizes(model, photographs, images)
-    path_of_images = os.path.relpath(images, target.parent)
-    if not storable(path_of_images):
+    images_path = os.path.relpath(images, target.parent)
+    if not storable(images_path):
         raise OutputError(
-            f"{path_of_images}: cannot be named in {target.name}, because it is not UTF-8; rename the folder"
+            f"{images_path}: cannot be named in {target.name}, because it is not UTF-8; rename the folder"
         )
     content = transforms.transforms_content(
         model,
         options.model,
         photographs,
         dialect=options.dialect,
-        images=path_of_images,
+        images=images_path,
         sizes=sizes,
         exposure_s=options.exposure,
     )

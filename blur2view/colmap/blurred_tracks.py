@@ -99,7 +99,7 @@ def _corners(image: Any) -> Array:
 def _matches(sequence: FrameSequence, name: str, before: str, keypoints: Keypoints) -> NDArray[np.uint32]:
     """Track an earlier frame's keypoints into a frame: indices (M, 2) of keypoints of both."""
     other, expected = sequence.view(before), sequence.expected(name)
-    world = _surfaces(other, keypoints[before], sequence.world(sequence.points_of(before)))
+    world = _surfaces(other, keypoints[before], sequence.world(sequence.observed_points(before)))
     seen, pose = np.ones(len(world), bool), None
     if expected is not None:
         pose = find_pose(sequence.view(name), [other], world, [seen], expected.motion)

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from blur2view.arrays import white_of
+from blur2view.arrays import white_level
 from blur2view.errors import ImageError, OutputError
 from blur2view.exposure.sequence import frame_names
 from blur2view.files import open_picture, unwritable
@@ -93,7 +93,7 @@ def _write_if_dull(path: Path, target: Path) -> bool:
     """Write a photograph's copy if its greys use little of their range; return whether they do."""
     content = read_content(path)
     pixels = read_picture(path, as_stored=True, content=content).pixels
-    grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) / (white_of(pixels) / 255), np.uint8)
+    grey = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) / (white_level(pixels) / 255), np.uint8)
     low, high = np.quantile(grey[::2, ::2], [0.01, 0.99])
     if high - low >= MIN_RANGE:
         return False

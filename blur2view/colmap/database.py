@@ -110,7 +110,7 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
         path = Path(folder) / "new.db"
         with pycolmap.Database.open(path) as opened:
             for views in photographs:
-                camera = colmap_camera_of(views.camera, views.size)
+                camera = to_colmap_camera(views.camera, views.size)
                 if camera not in cameras:
                     cameras.append(camera)
                     rig, number = pycolmap.Rig(), opened.write_camera(camera)
@@ -125,7 +125,7 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
         return path.read_bytes()
 
 
-def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
+def to_colmap_camera(camera: Camera | None, size: tuple[int, int]) -> Any:
     """Return the pycolmap.Camera of a photograph (width, height); a hint is a prior, a guess is not."""
     stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
     model, params = stated.model, stated.params
@@ -151,7 +151,7 @@ class ProjectImage(NamedTuple):
 def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | DatabaseError]:
     """Return each photograph's image in a project, or why it cannot be linked; nothing is written."""
     plan: list[ProjectImage | DatabaseError] = []
-    first_of: dict[str, Path] = {}
+    photograph_by_image: dict[str, Path] = {}
     with project.open_read_only(path) as database:
         project.check_schema(database)
         names = project.image_names(database)
@@ -160,15 +160,15 @@ def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | D
             if name is None:
                 remedy = "leave it out, or choose another --db, without --link"
                 plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; {remedy}"))
-            elif name in first_of:
+            elif name in photograph_by_image:
                 plan.append(
                     DatabaseError(
-                        f"{photograph}: is the image {name}, and so is {first_of[name]}; "
+                        f"{photograph}: is the image {name}, and so is {photograph_by_image[name]}; "
                         f"name only one of them"
                     )
                 )
             else:
-                first_of[name] = photograph
+                photograph_by_image[name] = photograph
                 try:
                     plan.append(_read_image(database, names, name))
                 except ValueError as error:
@@ -187,7 +187,7 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
     keypoints = from_colmap(project.read_keypoints(database, image_id))
     if not len(keypoints):
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
-    if prior is None or (project.has_frames(database) and project.rig_of(database, camera_id) is None):
+    if prior is None or (project.has_frames(database) and project.find_rig(database, camera_id) is None):
         raise ValueError(f"image {name} has no camera, or its camera has no rig; restore a backup")
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in own.values():
@@ -261,10 +261,12 @@ def _put_images(
     """Write the images of both views in place of earlier ones, with frames if others have; return the ids."""
     own = project.own_views(database, views.name)
     with_frames = image_id is None or project.has_frames(database)
-    of_view = f"SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = {project.CAMERA_SENSOR}"
+    own_frames = (
+        f"SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = {project.CAMERA_SENSOR}"
+    )
     for number in own.values():  # by foreign keys their keypoints, data of frames and entries go along
         if with_frames:
-            database.execute(f"DELETE FROM frames WHERE frame_id IN ({of_view})", (number,))
+            database.execute(f"DELETE FROM frames WHERE frame_id IN ({own_frames})", (number,))
         database.execute("DELETE FROM images WHERE image_id = ?", (number,))
     for pair in combinations([image_id or 0, *own.values()], 2):
         for table in ("matches", "two_view_geometries"):
@@ -274,7 +276,7 @@ def _put_images(
         row = {"image_id": own.get(role), "name": name, "camera_id": camera_id}
         ids.append(_insert(database, "images", row, below=project.MAX_IMAGES))
         if with_frames:
-            rig = {"rig_id": project.rig_of(database, camera_id)}
+            rig = {"rig_id": project.find_rig(database, camera_id)}
             frame_id = _insert(database, "frames", rig, below=project.MAX_FRAMES)
             sensor = {"sensor_id": camera_id, "sensor_type": project.CAMERA_SENSOR}
             _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at, searched_pose
-from blur2view.colmap.models import observed, photographs_of, read_model
+from blur2view.colmap.models import observed, read_model, registered_images
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, changed, relative_motion
@@ -74,7 +74,7 @@ class FrameSequence:
     def __init__(self, model: Path, folder: Path, names: Sequence[str], network: SmearReader) -> None:
         self.source, self.model, self.folder, self.network = model, read_model(model), folder, network
         self.times = dict(zip(names, frame_times(names), strict=True))
-        registered = photographs_of(self.model)
+        registered = registered_images(self.model)
         self.images = {name: image for name, image in registered.items() if name in self.times}
         self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
         self.recovered = dict[str, RecoveredFrame]()
@@ -119,7 +119,7 @@ class FrameSequence:
     def _departure(self, name: str, others: Collection[str]) -> float:
         """Return how far a registered frame is off the path of others, in standard deviations."""
         expected = self.expected(name, sorted(others)) if len(others) > 1 else None
-        return 0.0 if expected is None else departure_of(self.poses[name], expected)
+        return 0.0 if expected is None else departure_sigmas(self.poses[name], expected)
 
     def try_frame(self, name: str) -> "RecoveredFrame | str":
         """Return a frame with its pose, or why it is refused."""
@@ -168,7 +168,7 @@ class FrameSequence:
             raise ImageError(TOO_FAR)
         view = self.view(name, expected.pose)
         neighbours = [self.view(neighbour) for neighbour in near]
-        seen = [self.points_of(neighbour) for neighbour in near]
+        seen = [self.observed_points(neighbour) for neighbour in near]
         ids = np.array(sorted(set().union(*seen)))
         masks = [np.isin(ids, list(points)) for points in seen]
         world = self.world(ids)
@@ -193,7 +193,7 @@ class FrameSequence:
             residual_px=found.residual_px * scale,
         )
 
-    def points_of(self, name: str) -> set[int]:
+    def observed_points(self, name: str) -> set[int]:
         """Return the ids of the points that a registered frame sees, or the nearest one to a frame."""
         return set(observed(self.model, self.images[self.near(name)[0]]).values())
 
@@ -208,7 +208,7 @@ def refusal(found: BlurredPose, expected: Expected) -> str:
         return TOO_FEW
     if found.residual_px > MAX_RESIDUAL_PX:
         return "its points do not lie where its pose projects them"
-    if departure_of(found.pose, expected) > MAX_DEPARTURE:
+    if departure_sigmas(found.pose, expected) > MAX_DEPARTURE:
         return "its pose is too far from its neighbours' path"
     smears = found.smear_motion[:3]
     corrected = float(np.linalg.norm(found.motion[:3] - smears) / (np.linalg.norm(smears) + TINY))
@@ -218,7 +218,7 @@ def refusal(found: BlurredPose, expected: Expected) -> str:
     return ""
 
 
-def departure_of(pose: Array, expected: Expected) -> float:
+def departure_sigmas(pose: Array, expected: Expected) -> float:
     """Return how far a pose is off the expected one, in rotation or position, in standard deviations."""
     change = relative_motion(pose, expected.pose)
     turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad

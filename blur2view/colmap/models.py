@@ -52,7 +52,7 @@ class DatabaseIds:
     frames: Mapping[str, int]
 
 
-def ids_of(path: Path) -> DatabaseIds:
+def read_ids(path: Path) -> DatabaseIds:
     """Return the ids of a database; DatabaseError if it cannot be read."""
     with open_read_only(path) as database:
         images = image_names(database)
@@ -129,10 +129,10 @@ def _check_number_of_points(path: Path) -> None:
     with open_regular(path) as file:
         lines = file.read().splitlines()
     head = [line for line in lines if line.startswith(b"#")]
-    stated = [int(found[1]) for line in head if (found := NUMBER_OF_POINTS.match(line))]
+    stated_counts = [int(match[1]) for line in head if (match := NUMBER_OF_POINTS.match(line))]
     count = sum(bool(line) for line in lines) - len(head)
-    if stated and count < stated[0]:
-        raise ValueError(f"{path.name} states {stated[0]} points and has {count}")
+    if stated_counts and count < stated_counts[0]:
+        raise ValueError(f"{path.name} states {stated_counts[0]} points and has {count}")
 
 
 def find_model(folder: Path, pass_over: Callable[[DatabaseError], None] = lambda error: None) -> Path:
@@ -146,7 +146,7 @@ def find_model(folder: Path, pass_over: Callable[[DatabaseError], None] = lambda
     sizes, damaged = dict[Path, int](), list[DatabaseError]()
     for path in below:
         try:
-            sizes[path] = len(photographs_of(read_model(path)))
+            sizes[path] = len(registered_images(read_model(path)))
         except DatabaseError as error:
             damaged.append(error)
     if not sizes:
@@ -161,7 +161,7 @@ def holds_model(folder: Path) -> bool:
     return any((folder / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt"))
 
 
-def photographs_of(model: Any) -> dict[str, Any]:
+def registered_images(model: Any) -> dict[str, Any]:
     """Return the registered images of a pycolmap.Reconstruction by name, views left out."""
     posed = {image.name: image for image in model.images.values() if image.has_pose}
     return {name: image for name, image in posed.items() if not name.endswith((OPEN, CLOSE))}
@@ -169,26 +169,26 @@ def photographs_of(model: Any) -> dict[str, Any]:
 
 def observed(model: Any, image: Any) -> dict[int, int]:
     """Return the ids of the 3D points that an image observes, by the indices of its keypoints."""
-    seen = {index: point.point3D_id for index, point in enumerate(image.points2D) if point.has_point3D()}
-    return {index: number for index, number in seen.items() if number in model.points3D}
+    point_ids = {index: point.point3D_id for index, point in enumerate(image.points2D) if point.has_point3D()}
+    return {index: number for index, number in point_ids.items() if number in model.points3D}
 
 
 def add_image(
-    model: Any, name: str, pose: Array, keypoints: Array, beside: Any, known: DatabaseIds | None = None
+    model: Any, name: str, pose: Array, keypoints: Array, beside: Any, ids: DatabaseIds | None = None
 ) -> Any:
     """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of the image ``beside``.
 
-    It has the ids that a database ``known`` has for this name, or, as its frame, ids that neither has.
+    It has the ``ids`` that a database has for this name, or, as its frame, ids that neither has.
     """
     import pycolmap
 
     camera_id = beside.camera_id
-    known = known or DatabaseIds(images={}, frames={})
-    number, frame_id = known.images.get(name), known.frames.get(name)
+    ids = ids or DatabaseIds(images={}, frames={})
+    number, frame_id = ids.images.get(name), ids.frames.get(name)
     if number is None or number in model.images:
-        number = 1 + max([*model.images, *known.images.values()])
+        number = 1 + max([*model.images, *ids.images.values()])
     if frame_id is None or frame_id in model.frames:
-        frame_id = 1 + max([*model.frames, *known.frames.values()])
+        frame_id = 1 + max([*model.frames, *ids.frames.values()])
     image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=number)
     image.frame_id = frame_id
     frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=beside.frame.rig_id)
@@ -200,14 +200,14 @@ def add_image(
     return model.images[number]
 
 
-def refuse_other_model(folder: Path, given: Path) -> None:
+def refuse_other_model(folder: Path, source: Path) -> None:
     """Refuse, before any work, to write a model where one is lost that blur2view did not write as it is.
 
-    OutputError if a folder is that of the model ``given``, or holds a file of a model that another program
+    OutputError if a folder is that of the model ``source``, or holds a file of a model that another program
     wrote, or changed since, or one in text, which COLMAP would no longer read beside the binary files.
     """
     remedy = "move it away, or name another folder with -o"
-    if os.path.realpath(folder) == os.path.realpath(given):
+    if os.path.realpath(folder) == os.path.realpath(source):
         raise OutputError(f"{folder}: would replace the model of this call; name another folder with -o")
     texts = [Path(name).with_suffix(".txt").name for name in RECORDS]
     present = [folder / name for name in (*RECORDS, PROJECT_FILE, *texts) if os.path.lexists(folder / name)]
@@ -218,9 +218,9 @@ def refuse_other_model(folder: Path, given: Path) -> None:
             raise OutputError(f"{path}: has changed since blur2view wrote the model; {remedy}")
 
 
-def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
+def write_model(model: Any, folder: Path, frames_dir: Path, database: Path | None = None) -> None:
     """Write a model and COLMAP's project.ini whole, in place of earlier ones; OutputError if it fails."""
-    paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
+    paths = {PICTURES: frames_dir} | ({} if database is None else {DATABASE: database})
     lines = [SIGNATURE, *(f"{key}={path.absolute()}" for key, path in paths.items())]
     writable_folder(folder)
     beside = half_written(folder / "model")
@@ -245,8 +245,8 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
 def noted(folder: Path, key: str) -> Path | None:
     """Return the path under a key of a model's project.ini; None unless it is there and exists."""
     lines = (line.partition("=") for line in _project(folder).splitlines())
-    named = next((value.strip() for name, _, value in lines if name.strip() == key), "")
-    return Path(named) if named and os.path.exists(named) else None
+    path = next((value.strip() for name, _, value in lines if name.strip() == key), "")
+    return Path(path) if path and os.path.exists(path) else None
 
 
 def _project(folder: Path) -> str:

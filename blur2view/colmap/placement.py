@@ -15,7 +15,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.models import DatabaseIds, add_image, ids_of, observed, photographs_of, read_model
+from blur2view.colmap.models import DatabaseIds, add_image, observed, read_ids, read_model, registered_images
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.sequence import frame_times, split_number
@@ -95,7 +95,7 @@ def place_views(
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
-    registered = photographs_of(reconstruction)
+    registered = registered_images(reconstruction)
     names = sorted(registered, key=split_number) if names is None else names
     times = dict(zip(names, frame_times(names), strict=True))
     linked, refused = _read_linked(Path(database), reconstruction, registered, times)
@@ -110,7 +110,7 @@ def place_views(
     except np.linalg.LinAlgError:
         remedy = "link them again (blur2view to-colmap --link)"
         raise DatabaseError(f"{database}: no motion explains the smears of its views; {remedy}") from None
-    placed, numbers = [], ids_of(Path(database))
+    placed, numbers = [], read_ids(Path(database))
     for link, changes in zip(linked, ends, strict=True):
         if np.isfinite(changes).all():
             _add_views(reconstruction, link, changes, numbers)
@@ -165,14 +165,14 @@ def _exposed(model: Any, link: _Linked, time: float) -> ExposedFrame:
     return ExposedFrame(time=time, rays=rays, displacement=displacement, inverse_depth=1 / depth[good])
 
 
-def _add_views(model: Any, link: _Linked, changes: Array, known: DatabaseIds) -> None:
+def _add_views(model: Any, link: _Linked, changes: Array, ids: DatabaseIds) -> None:
     """Add both images, by the changes (2, 6) from the photograph's pose, and observations of its points."""
     import pycolmap
 
     pose = link.photograph.cam_from_world().matrix()
     for end, points, change in zip((OPEN, CLOSE), link.ends, changes, strict=True):
         name = link.photograph.name + end
-        image = add_image(model, name, changed(pose, change), points, link.photograph, known)
+        image = add_image(model, name, changed(pose, change), points, link.photograph, ids)
         for index, point in link.seen.items():
             pixel = image.project_point(model.points3D[point].xyz)
             if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_REPROJECTION_PX:

@@ -107,8 +107,8 @@ def check_schema(database: Connection) -> None:
     """Raise ValueError if a database is damaged, has triggers, or is of a newer COLMAP than is known."""
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
-        known = f"version {version}; versions up to {NEWEST_KNOWN} are known"
-        raise ValueError(f"was written by a newer COLMAP ({known}); update blur2view")
+        versions = f"version {version}; versions up to {NEWEST_KNOWN} are known"
+        raise ValueError(f"was written by a newer COLMAP ({versions}); update blur2view")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
         raise ValueError(f"is damaged ({damage}); restore a backup")
@@ -274,7 +274,7 @@ def has_frames(database: Connection) -> bool:
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
 
 
-def rig_of(database: Connection, camera_id: int) -> int | None:
+def find_rig(database: Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, or None."""
     row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
     return None if row is None else int(row[0])

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from blur2view.camera import to_colmap
 from blur2view.colmap.blurred_pose import pose_at, projected
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
-from blur2view.colmap.models import DatabaseIds, add_image, ids_of, photographs_of
+from blur2view.colmap.models import DatabaseIds, add_image, read_ids, registered_images
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.exposure.sequence import frame_names
@@ -112,36 +112,36 @@ def recover_frames(
     sequence = FrameSequence(Path(model), Path(frames), names, network or SmearNetwork())
     if keep_keypoints and database is None:
         raise ValueError("keep_keypoints needs the database with these keypoints")
-    known = None if database is None else ids_of(Path(database))
+    ids = None if database is None else read_ids(Path(database))
     recover_all(sequence, jobs=jobs, notes=None if notes is None else Notes(Path(notes), sequence), show=show)
-    kept = Path(database) if keep_keypoints and database is not None else None
-    return recovery_of(sequence, known, kept, views=views, refine=refine)
+    keypoints_db = Path(database) if keep_keypoints and database is not None else None
+    return finished_recovery(sequence, ids, keypoints_db, views=views, refine=refine)
 
 
-def recovery_of(
+def finished_recovery(
     sequence: FrameSequence,
-    known: DatabaseIds | None = None,
-    kept: Path | None = None,
+    ids: DatabaseIds | None = None,
+    keypoints_db: Path | None = None,
     *,
     views: bool | None = None,
     refine: bool = False,
 ) -> Recovery:
     """Return a sequence's model to which its recovered frames are added, as `recover_frames` says.
 
-    ``kept`` is the database whose keypoints they keep.
+    ``keypoints_db`` is the database whose keypoints they keep.
     """
     if views is None:
         views = any(image.name.endswith((OPEN, CLOSE)) for image in sequence.model.images.values())
-    before = None if kept is None else deepcopy(sequence.model)
+    before = None if keypoints_db is None else deepcopy(sequence.model)
     recovered = [name for name in sequence.times if name in sequence.recovered]
     for name in recovered:
-        _add_frame(sequence, name, known)
+        _add_frame(sequence, name, ids)
     if refine and recovered:
         adjust(sequence.model, recovered)
-    if kept is not None:
-        sequence.model = _with_keypoints(sequence, before, kept, known)
+    if keypoints_db is not None:
+        sequence.model = _with_keypoints(sequence, before, keypoints_db, ids)
     for name in recovered if views else ():
-        _add_views(sequence, name, known)
+        _add_views(sequence, name, ids)
     return Recovery(
         model=sequence.model,
         registered=tuple(name for name in sequence.times if name in sequence.images),
@@ -151,17 +151,17 @@ def recovery_of(
     )
 
 
-def _add_frame(sequence: FrameSequence, name: str, known: DatabaseIds | None) -> None:
+def _add_frame(sequence: FrameSequence, name: str, ids: DatabaseIds | None) -> None:
     """Add a recovered frame to the model, and its observations to the tracks."""
     import pycolmap
 
     frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
-    image = add_image(sequence.model, name, frame.pose, to_colmap(frame.pixels), beside, known)
+    image = add_image(sequence.model, name, frame.pose, to_colmap(frame.pixels), beside, ids)
     for keypoint, number in enumerate(frame.points):
         sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, keypoint))
 
 
-def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, known: DatabaseIds | None) -> Any:
+def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, ids: DatabaseIds | None) -> Any:
     """Return the model ``before`` with the frames of a sequence's and a database's keypoints of these."""
     import pycolmap
 
@@ -169,15 +169,14 @@ def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, known:
     for number, point in after.points3D.items():
         before.points3D[number].xyz = point.xyz
     with open_read_only(database) as opened:
-        ids = image_names(opened)
-        kept = {name: read_keypoints(opened, ids[name]) for name in sequence.recovered if name in ids}
+        image_ids = image_names(opened)
+        present = {name: image_ids[name] for name in sequence.recovered if name in image_ids}
+        stored = {name: read_keypoints(opened, number) for name, number in present.items()}
     for name in (name for name in sequence.times if name in sequence.recovered):
         frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
-        pose, keypoints = (
-            after.find_image_with_name(name).cam_from_world().matrix(),
-            kept.get(name, NO_POINTS),
-        )
-        image = add_image(before, name, pose, keypoints, beside, known)
+        pose = after.find_image_with_name(name).cam_from_world().matrix()
+        keypoints = stored.get(name, NO_POINTS)
+        image = add_image(before, name, pose, keypoints, beside, ids)
         if not len(keypoints):
             continue
         away, nearest = cKDTree(keypoints).query(to_colmap(frame.pixels))
@@ -189,7 +188,7 @@ def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, known:
     return before
 
 
-def _add_views(sequence: FrameSequence, name: str, known: DatabaseIds | None) -> None:
+def _add_views(sequence: FrameSequence, name: str, ids: DatabaseIds | None) -> None:
     """Add both ends of a recovered frame's exposure, with the projections of its points as keypoints."""
     model, frame = sequence.model, sequence.recovered[name]
     image, world = model.find_image_with_name(name), sequence.world(frame.points)
@@ -197,7 +196,7 @@ def _add_views(sequence: FrameSequence, name: str, known: DatabaseIds | None) ->
         pose = pose_at(t, image.cam_from_world().matrix(), frame.motion)
         pixels = projected(model.cameras[image.camera_id], world @ pose[:, :3].T + pose[:, 3])
         keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.pixels))
-        add_image(model, name + end, pose, keypoints, image, known)
+        add_image(model, name + end, pose, keypoints, image, ids)
 
 
 def adjust(model: Any, free: Collection[str]) -> None:
@@ -207,7 +206,7 @@ def adjust(model: Any, free: Collection[str]) -> None:
     options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
     options.refine_focal_length = options.refine_extra_params = options.refine_principal_point = False
     options.print_summary, options.min_track_length = False, 2
-    for image in photographs_of(model).values():
+    for image in registered_images(model).values():
         config.add_image(image.image_id)
         if image.name not in free:
             config.set_constant_rig_from_world_pose(image.frame_id)
@@ -218,6 +217,6 @@ def adjust(model: Any, free: Collection[str]) -> None:
     pycolmap.create_default_bundle_adjuster(options, config, adjusted).solve()
     for number, point in adjusted.points3D.items():
         model.points3D[number].xyz = point.xyz
-    for image in photographs_of(model).values():
+    for image in registered_images(model).values():
         if image.name in free:
             image.frame.rig_from_world = adjusted.images[image.image_id].frame.rig_from_world

@@ -80,14 +80,14 @@ def recover_all(
     Frames that are equally far from registered ones are a round, and know the poses of the rounds before, so
     that any number of processes gives the same.
     """
-    rounds, known = sequence.rounds(), {} if notes is None else notes.results
+    rounds, noted_results = sequence.rounds(), {} if notes is None else notes.results
     count, done = sum(map(len, rounds)), 0
-    with _processes(sequence, min(jobs, count - len(known))) as try_frames:
+    with _processes(sequence, min(jobs, count - len(noted_results))) as try_frames:
         for names in rounds:
-            missing = [name for name in names if name not in known]
+            missing = [name for name in names if name not in noted_results]
             for name in names:
-                if name in known:
-                    sequence.note(name, known[name])
+                if name in noted_results:
+                    sequence.note(name, noted_results[name])
             done += len(names) - len(missing)
             show(done, count)
             for name, result in zip(missing, try_frames(missing, dict(sequence.poses)), strict=True):
@@ -109,8 +109,8 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
         return
     stop, network = spawn_context().Event(), sequence.network
     reader = network.path if isinstance(network, SmearNetwork) else network
-    given = sequence.source, sequence.folder, list(sequence.times), reader
-    pool = processes(count, _prepare, given, stop=stop)
+    prepare_args = sequence.source, sequence.folder, list(sequence.times), reader
+    pool = processes(count, _prepare, prepare_args, stop=stop)
     pending: list[Future[Result]] = []
 
     def try_frames(names: Sequence[str], poses: Mapping[str, Array]) -> Iterator[Result]:

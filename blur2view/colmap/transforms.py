@@ -108,28 +108,28 @@ def transforms_content(
     time, seconds, is of nerfstudio's dialect. DatabaseError if these files cannot hold a camera of the model
     in ``folder``.
     """
-    camera_of = {image.name: (image.camera_id, sizes.get(image.name)) for image, _, _ in photographs}
+    image_cameras = {image.name: (image.camera_id, sizes.get(image.name)) for image, _, _ in photographs}
     cameras = {
         (number, size): intrinsics(folder, scaled(model.cameras[number], size))
-        for number, size in set(camera_of.values())
+        for number, size in set(image_cameras.values())
     }
     kinds = sorted({keys["camera_model"] for keys in cameras.values()})
     if len(kinds) > 1:
         raise DatabaseError(f"{folder}: has plain and fisheye cameras; undistort the photographs first")
     shared = next(iter(cameras.values())) if len(cameras) == 1 else {"camera_model": kinds[0]}
     if dialect == INSTANT_NGP:
-        whole, motions = _box(model, photographs), [_ends(photograph) for photograph in photographs]
+        content, motions = _box(model, photographs), [_ends(photograph) for photograph in photographs]
     else:
-        whole = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
-        whole |= {PLY_KEY: PLY} if model.points3D else {}
+        content = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
+        content |= {PLY_KEY: PLY} if model.points3D else {}
         motions = [_velocities(photograph, exposure_s) for photograph in photographs]
     frames = []
     for (image, _, _), motion in zip(photographs, motions, strict=True):
-        own = {} if len(cameras) == 1 else cameras[camera_of[image.name]]
+        own = {} if len(cameras) == 1 else cameras[image_cameras[image.name]]
         path = os.path.join(images, image.name).replace(os.sep, "/")
         pose = {"transform_matrix": _world_from_camera(image).tolist()}
         frames.append({"file_path": path, **own, **pose, **motion})
-    return {**shared, **whole, "frames": frames}
+    return {**shared, **content, "frames": frames}
 
 
 def scaled(camera: Any, size: tuple[int, int] | None) -> Any:
@@ -240,8 +240,8 @@ def _copy_frame(images: Sequence[Any], model: Any) -> None:
     """Add images of one frame to a pycolmap.Reconstruction, with keypoints that show no points yet."""
     import pycolmap
 
-    whole = images[0].frame
-    frame = pycolmap.Frame(**{name: getattr(whole, name) for name in FRAME_KEYS})
+    source_frame = images[0].frame
+    frame = pycolmap.Frame(**{name: getattr(source_frame, name) for name in FRAME_KEYS})
     for image in images:
         frame.add_data_id(image.data_id)
     model.add_frame(frame)

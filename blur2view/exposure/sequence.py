@@ -29,7 +29,7 @@ from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.images.inputs import photographs_in
-from blur2view.images.pixels import from_resized, photograph_of, rgb_of
+from blur2view.images.pixels import as_photograph, as_rgb, from_resized
 from blur2view.images.video import read_video
 from blur2view.networks.model_file import one_thread
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
@@ -71,7 +71,7 @@ class PictureMotion(NamedTuple):
     rotation: Array  # (3,) per frame and neighbour, summed, as in cam2_from_cam1; 0 if unknown
 
 
-def features_of(image: NDArray[np.float32]) -> Features:
+def extract_features(image: NDArray[np.float32]) -> Features:
     """Return SIFT features of a photograph (H, W, 3), RGB in [0, 1]: pixels and descriptors."""
     grey = np.asarray(np.rint(255 * cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)), np.uint8)
     scale = min(1.0, MATCHED_SIDE_PX / max(grey.shape))
@@ -112,11 +112,11 @@ def match_features(features1: Features, features2: Features) -> Matches:
 class Series(Generic[Frame]):
     """Frames in the order of time, of which each pair of neighbours is matched once.
 
-    ``features_of`` gives the features of a frame, None if it cannot be read.
+    ``find_features`` gives the features of a frame, None if it cannot be read.
     """
 
-    def __init__(self, features_of: Callable[[Frame], Features | None]) -> None:
-        self._features_of, self._matched = features_of, dict[tuple[Frame, Frame], Matches]()
+    def __init__(self, find_features: Callable[[Frame], Features | None]) -> None:
+        self._find_features, self._matched = find_features, dict[tuple[Frame, Frame], Matches]()
 
     @one_thread
     def around(self, frame: Frame, neighbours: Iterable[tuple[int, Frame]]) -> dict[int, Matches]:
@@ -125,7 +125,7 @@ class Series(Generic[Frame]):
         for steps, other in neighbours:
             pair = (other, frame) if steps < 0 else (frame, other)
             if pair not in self._matched:
-                first, second = map(self._features_of, pair)
+                first, second = map(self._find_features, pair)
                 if first is None or second is None:
                     continue
                 self._matched[pair] = match_features(first, second)
@@ -305,10 +305,10 @@ def estimate_frames(
         shutter=shutter,
     )
     times = None if timestamps_s is None else iter(timestamps_s)
-    return _in_series(map(photograph_of, _frames_of(frames)), times, estimate_one)
+    return _in_series(map(as_photograph, _opened_frames(frames)), times, estimate_one)
 
 
-def _frames_of(frames: object) -> Iterable[AnyArray]:
+def _opened_frames(frames: object) -> Iterable[AnyArray]:
     """Return the frames of a video, which may be its file; ValueError of anything else."""
     if isinstance(frames, str | os.PathLike):
         if os.path.isdir(frames):
@@ -336,7 +336,7 @@ def _in_series(
             if not np.isfinite(time):
                 raise ValueError(f"timestamps_s must be finite seconds, got {time} for frame {number}")
             current = replace(current, timestamp_s=float(time))
-        features[number] = features_of(rgb_of(frame))
+        features[number] = extract_features(as_rgb(frame))
         if last is not None:
             if current.grid.size != last.grid.size:
                 raise ValueError(

@@ -106,12 +106,12 @@ class CameraPath:
         gap = (time - before[-1] if len(before) else np.inf), (after[0] - time if len(after) else np.inf)
         errors = []
         for index in np.argsort(np.abs(self.times - time), kind="stable")[:TRIALS]:
-            there = self.times[index]
-            kept = (self.times <= there - gap[0]) | (self.times >= there + gap[1])
-            path = CameraPath(self.times[kept], self.poses[kept], self.reach)
-            found = path.at(there) if path.sides(there) == self.sides(time) else None
-            if found is not None:
-                change = relative_motion(self.poses[index], found)
+            known_time = self.times[index]
+            outside_gap = (self.times <= known_time - gap[0]) | (self.times >= known_time + gap[1])
+            path = CameraPath(self.times[outside_gap], self.poses[outside_gap], self.reach)
+            pose_there = path.at(known_time) if path.sides(known_time) == self.sides(time) else None
+            if pose_there is not None:
+                change = relative_motion(self.poses[index], pose_there)
                 errors.append((np.linalg.norm(change[:3]), np.linalg.norm(change[3:])))
         spread = np.median(errors, axis=0) / MEDIAN_OF_THREE if errors else np.full(2, np.inf)
         rotation_rad, position = map(float, np.maximum(spread, TINY))
@@ -238,13 +238,13 @@ def _likeliest_sigma(errors: Array, information: Array, variances: Array) -> flo
     A shake faster than the frames looks slow in their poses; only smears, of this information (N, 3, 3), show
     that it is fast.
     """
-    seen = information.any(axis=(1, 2))
-    d, C = errors[seen], np.linalg.pinv(information[seen], hermitian=True)
-    likely = []
+    has_smears = information.any(axis=(1, 2))
+    d, C = errors[has_smears], np.linalg.pinv(information[has_smears], hermitian=True)
+    log_likelihoods = []
     for factor in SIGMAS:
-        covariance = C + np.eye(3) * variances[seen, None, None] * factor**2
+        covariance = C + np.eye(3) * variances[has_smears, None, None] * factor**2
         far = (d * np.linalg.solve(covariance, d[..., None])[..., 0]).sum(axis=1)
         log_volume = np.linalg.slogdet(covariance)[1]
         likelihood = log_volume + (DEGREES_OF_FREEDOM + 3) * np.log1p(far / DEGREES_OF_FREEDOM)
-        likely.append(-0.5 * likelihood.sum())
-    return float(SIGMAS[int(np.argmax(likely))])  # the first where no frame has smears
+        log_likelihoods.append(-0.5 * likelihood.sum())
+    return float(SIGMAS[int(np.argmax(log_likelihoods))])  # the first where no frame has smears

@@ -62,8 +62,8 @@ class TwoViewGeometry:
     one_way: bool = False  # whether a rolling shutter leaves no such smears in the other order in time
 
     def __repr__(self) -> str:
-        given = [name for name in ("F", "H", "E") if getattr(self, name) is not None]
-        matrices = " and ".join(given) or "no F"
+        names = [name for name in ("F", "H", "E") if getattr(self, name) is not None]
+        matrices = " and ".join(names) or "no F"
         fit = f"{int(self.inlier_mask.sum())} of {len(self.inlier_mask)} smears fit"
         return f"<TwoViewGeometry {self.config}: {matrices}; {fit}>"
 
@@ -138,9 +138,9 @@ class TwoViewGeometry:
         import pycolmap
 
         F, H, pose = self.F, self.H, self.cam2_from_cam1
-        moved = None
+        cam2_from_cam1 = None
         if pose is not None:
-            moved = pycolmap.Rigid3d(pycolmap.Rotation3d(pose.rotation), pose.translation)
+            cam2_from_cam1 = pycolmap.Rigid3d(pycolmap.Rotation3d(pose.rotation), pose.translation)
         inliers = np.flatnonzero(self.inlier_mask)
         return pycolmap.TwoViewGeometry(
             config=pycolmap.TwoViewGeometryConfiguration.__members__[self.config.name],
@@ -148,5 +148,5 @@ class TwoViewGeometry:
             F=None if F is None else unit_norm(PIXEL_FROM_COLMAP.T @ F @ PIXEL_FROM_COLMAP),
             E=self.E,
             H=None if H is None else unit_norm(COLMAP_FROM_PIXEL @ H @ PIXEL_FROM_COLMAP),
-            cam2_from_cam1=moved,
+            cam2_from_cam1=cam2_from_cam1,
         )

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, Floats
-from blur2view.camera import ExifValues, exif_of
+from blur2view.camera import ExifValues, read_exif
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import open_picture, read_regular
 from blur2view.images.pixels import (
     TOO_LARGE,
-    floats_of,
-    photograph_of,
+    as_floats,
+    as_photograph,
     stored_from_upright,
     unusable_size,
     upright_from_stored,
@@ -121,7 +121,7 @@ class Picture:
 
     def levels(self) -> Floats:
         """Return the pixels (H, W, 3) as float32 in [0, 1]."""
-        return floats_of(self.pixels)
+        return as_floats(self.pixels)
 
 
 def read_picture(
@@ -139,7 +139,7 @@ def read_picture(
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         decoded, exif, orientation, upright = _decode(path, encoded, as_stored)
         try:
-            values = photograph_of(decoded)
+            values = as_photograph(decoded)
         except ValueError as error:
             raise ImageError(f"{path}: {error}; save it with 8 or 16 bits per channel") from None
         if upright == as_stored:
@@ -153,14 +153,14 @@ def read_orientation(path: Path) -> int:
     with suppress(Exception), warnings.catch_warnings():  # Pillow's errors of damaged files have any type
         warnings.simplefilter("ignore")
         with open_picture(read_regular(path)) as photo:
-            return _orientation_of(photo)
+            return _stated_orientation(photo)
     return 1
 
 
-def _orientation_of(photo: Image.Image) -> int:
+def _stated_orientation(photo: Image.Image) -> int:
     """Return the orientation that a picture of Pillow states, 1 to 8."""
-    stated = photo.getexif().get(ExifTags.Base.Orientation, 1)
-    return int(stated) if stated in range(1, 9) else 1
+    orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
+    return int(orientation) if orientation in range(1, 9) else 1
 
 
 def read_content(path: Path) -> bytes:
@@ -191,7 +191,7 @@ def _decode(
         if path.suffix.lower() in RAW_SUFFIXES:
             developed = _develop(path, encoded, as_stored)
             with suppress(Exception), open_picture(encoded) as photo:  # some are TIFF with EXIF
-                return developed, exif_of(photo), _orientation_of(photo), not as_stored
+                return developed, read_exif(photo), _stated_orientation(photo), not as_stored
             return developed, ExifValues(), 1, True
         if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif").register_heif_opener()
@@ -201,7 +201,7 @@ def _decode(
             _refuse_rare(path, getattr(photo, "tag_v2", {}), colour=colour)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
-            orientation, exif = _orientation_of(photo), exif_of(photo)
+            orientation, exif = _stated_orientation(photo), read_exif(photo)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             decoded = (
                 _decode_deep(encoded, alpha=photo.has_transparency_data) if deep else photo

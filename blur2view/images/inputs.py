@@ -69,10 +69,10 @@ class Source:
     def picture(self) -> bytes:
         """Return the content of a file with the pixels: of a photograph its own, of a frame a PNG."""
         content = self.read()
-        return content if isinstance(content, bytes) else png_of(content)
+        return content if isinstance(content, bytes) else encode_png(content)
 
 
-def png_of(pixels: AnyArray) -> bytes:
+def encode_png(pixels: AnyArray) -> bytes:
     """Return the content of a PNG with these pixels (H, W, 3), RGB, uint8."""
     return bytes(cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1])
 
@@ -181,8 +181,8 @@ def list_photographs(
             location = os.path.join(os.path.realpath(source.path.parent), source.path.name)
             once.setdefault((location, source.frame), source)
     lists = [Path(word[1:]) for word in words if word.startswith(LIST)]
-    named = {source.path for source in once.values()}
-    passed_over = [path for path in dict.fromkeys(passed_over) if path not in named]
+    named_paths = {source.path for source in once.values()}
+    passed_over = [path for path in dict.fromkeys(passed_over) if path not in named_paths]
     return Inputs(sources=list(once.values()), lists=lists, passed_over=passed_over)
 
 
@@ -211,7 +211,7 @@ def _sources(
             if photographs:
                 passed_over += videos
             for video in () if photographs else videos:
-                yield from _of_video(video, path, frames)
+                yield from _video_sources(video, path, frames)
             yield from unread
             if not (photographs or videos or unread):
                 deeper = not recursive and _has_photographs_below(path)
@@ -229,7 +229,7 @@ def _refused(path: Path, error: ImageError | OSError) -> Source:
     return Source(path=path, refusal=str(error) if isinstance(error, ImageError) else line)
 
 
-def _of_video(video: Path, root: Path, frames: Callable[[Path], range]) -> list[Source]:
+def _video_sources(video: Path, root: Path, frames: Callable[[Path], range]) -> list[Source]:
     """Return the frames of a video below the folder that was named, or its refusal."""
     try:
         return [Source(path=video, frame=number, root=root) for number in frames(video)]

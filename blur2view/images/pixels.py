@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from blur2view.arrays import AnyArray, Array, Floats, white_of
+from blur2view.arrays import AnyArray, Array, Floats, white_level
 from blur2view.files import MAX_PIXELS
 
 BACKDROP = np.float32(0.5)
@@ -23,7 +23,7 @@ TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
+def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
     """Check a photograph and return it as an array (H, W, 3) or (H, W) with the bits it has.
 
     It is RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey: (H, W), (H, W, 1), (H, W, 3), (H, W, 4) with
@@ -46,7 +46,7 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
     if image.shape[2:] == (4,):
-        image = over_backdrop(floats_of(image))
+        image = over_backdrop(as_floats(image))
     if not integer:
         image = np.asarray(image, np.float32)
     return image[..., 0] if image.shape[2:] == (1,) else image
@@ -62,13 +62,13 @@ def unusable_size(width: int, height: int) -> str:
     return "" if width * height <= MAX_PIXELS else TOO_LARGE
 
 
-def rgb_of(image: AnyArray | Image.Image) -> Floats:
-    """Return a photograph, as `photograph_of` takes it, as contiguous RGB (H, W, 3), float32 in [0, 1]."""
-    return floats_of(photograph_of(image))
+def as_rgb(image: AnyArray | Image.Image) -> Floats:
+    """Return a photograph, as `as_photograph` takes it, as contiguous RGB (H, W, 3), float32 in [0, 1]."""
+    return as_floats(as_photograph(image))
 
 
-def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
-    """Scale pixels (H, W, C) or (H, W) of `photograph_of` to [0, 1], brightened; (H, W) becomes (H, W, 3)."""
+def as_floats(image: AnyArray, gain: float = 1.0) -> Floats:
+    """Scale pixels (H, W, C) or (H, W) of `as_photograph` to [0, 1], brightened; (H, W) becomes (H, W, 3)."""
     if image.dtype == np.uint8:  # a table takes a third of the time
         table = brightened(LEVELS_OF_8_BITS, gain)
         values = np.asarray(cv2.LUT(np.ascontiguousarray(image), table), np.float32)
@@ -109,12 +109,12 @@ def over_backdrop(values: Floats) -> Floats:
     return np.asarray(BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:], np.float32)
 
 
-def gain_of(image: AnyArray, brightness: float = BRIGHT, samples: int = MIN_SAMPLES) -> float:
+def brightness_gain(image: AnyArray, brightness: float = BRIGHT, samples: int = MIN_SAMPLES) -> float:
     """Return the factor, from 1 to `MAX_GAIN`, that brings a photograph's bright values to a brightness."""
     every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / samples)), 1)
     values = image[::every, ::every].reshape(-1)
     rank = min(int(QUANTILE * len(values)), len(values) - 1)
-    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_of(image)))
+    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_level(image)))
     return min(max(brightness / max(bright, 1e-6), 1.0), MAX_GAIN)
 
 

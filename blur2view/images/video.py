@@ -192,12 +192,12 @@ def _reader(video: Path) -> _Reader:
     """Return the reader of a video as it is now; the last one stays open."""
     with suppress(OSError):
         state = video.stat()
-        return _reader_of(video, state.st_size, state.st_mtime_ns)
-    return _reader_of(video, 0, 0)  # which says what is wrong
+        return _cached_reader(video, state.st_size, state.st_mtime_ns)
+    return _cached_reader(video, 0, 0)  # which says what is wrong
 
 
 @lru_cache(maxsize=1)
-def _reader_of(video: Path, size: int, changed_ns: int) -> _Reader:
+def _cached_reader(video: Path, size: int, changed_ns: int) -> _Reader:
     return _Reader(video)
 
 

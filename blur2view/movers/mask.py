@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from blur2view.arrays import AnyArray, Floats, Mask, white_of
+from blur2view.arrays import AnyArray, Floats, Mask, white_level
 from blur2view.errors import OutputError
 from blur2view.movers.moving import THRESHOLD, Moving
 
@@ -71,7 +71,7 @@ def motion_mask(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -
     moves = _along_edges(parts, image, side) > 0.5
     del parts  # a large photograph's
     probability = _to_pixels(moving.probability, image.shape, side)
-    regions = regions_of(moves, probability, MIN_BLOCKS * side**2)
+    regions = connected_regions(moves, probability, MIN_BLOCKS * side**2)
     smooth = np.repeat(np.repeat(moving.smooth.astype(np.uint8), side, 0), side, 1)
     labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)  # others static
     labels[moves] = MotionLabel.MOVING
@@ -95,12 +95,12 @@ def _to_pixels(blocks: Floats, shape: tuple[int, ...], block_px: int) -> Floats:
 def _along_edges(values: Floats, image: AnyArray, block_px: int) -> Floats:
     """Filter values (H, W) so that their steps follow the image's edges (He, Sun and Tang, ECCV 2010)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
-    grey = np.asarray(grey / np.float32(white_of(image)), np.float32)
+    grey = np.asarray(grey / np.float32(white_level(image)), np.float32)
     followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_BLOCKS, GUIDE_EPS, scale=1 / block_px)
     return np.asarray(followed, np.float32)
 
 
-def regions_of(moves: Mask, probability: Floats, min_px: int = 1) -> tuple[MovingRegion, ...]:
+def connected_regions(moves: Mask, probability: Floats, min_px: int = 1) -> tuple[MovingRegion, ...]:
     """Describe the connected parts of a mask (H, W), largest first; erase those below ``min_px`` from it."""
     count, part, stats, centres = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
     regions = []
@@ -166,6 +166,6 @@ def stored_labels(path: Path) -> Grey:
         grey = np.zeros(0, np.uint8)
     if grey.ndim != 2 or not np.isin(grey, GREY).all():
         raise OutputError(f"{path}: is not a mask of blur2view segment; segment the photograph again")
-    label_of = np.zeros(256, np.uint8)
-    label_of[GREY] = np.arange(len(GREY))
-    return np.asarray(label_of[grey])
+    label_by_grey = np.zeros(256, np.uint8)
+    label_by_grey[GREY] = np.arange(len(GREY))
+    return np.asarray(label_by_grey[grey])

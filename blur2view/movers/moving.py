@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array, Floats, Mask
-from blur2view.images.pixels import brightened, gain_of, rgb_of
+from blur2view.images.pixels import as_rgb, brightened, brightness_gain
 from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
@@ -94,15 +94,15 @@ class Moving:
 
     def parts(self, threshold: float = THRESHOLD) -> Mask:
         """Mark the blocks (h, w) of connected parts that move: the top of each has this probability."""
-        seen = ~self.smooth
-        if not seen.any():
-            return np.zeros(seen.shape, bool)
-        low, high = np.median(self.log_odds[seen]), self.log_odds[seen].max()
+        textured = ~self.smooth
+        if not textured.any():
+            return np.zeros(textured.shape, bool)
+        low, high = np.median(self.log_odds[textured]), self.log_odds[textured].max()
         height = (self.log_odds - low) / max(high - low, 1e-6)
-        edge = (seen & (height > EDGE_HEIGHT)).astype(np.uint8)
+        edge = (textured & (height > EDGE_HEIGHT)).astype(np.uint8)
         count, part = cv2.connectedComponents(edge, connectivity=4)
         moves = np.zeros(count, bool)
-        moves[part[seen & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
+        moves[part[textured & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
         if self.camera_moved < 0.5:
             moves &= ~self._in_focus(part, count)
         return np.asarray(moves[part])
@@ -112,14 +112,14 @@ class Moving:
 
         Before a camera that stands still these are the subject of a lens, not what moves.
         """
-        sharp, smeared, known = np.moveaxis(self.kinds, -1, 0)
+        sharp, smeared, readable = np.moveaxis(self.kinds, -1, 0)
 
         def mean(values: AnyArray, weight: AnyArray) -> Array:
             total = np.bincount(part.ravel(), (values * weight).ravel(), count)
             return np.asarray(total / np.maximum(np.bincount(part.ravel(), weight.ravel(), count), 1e-6))
 
-        sharpness = mean(np.minimum(sharp / np.maximum(known, 1e-6), 1), known)
-        smears = mean(smeared > 0.5 * known, np.ones_like(known))
+        sharpness = mean(np.minimum(sharp / np.maximum(readable, 1e-6), 1), readable)
+        smears = mean(smeared > 0.5 * readable, np.ones_like(readable))
         return np.asarray((sharpness > sharpness[0] + SHARPER) & (smears < SMEARED_SHARE))
 
     def evidence(self, grid: SmearGrid, share: float) -> Movers:
@@ -137,7 +137,7 @@ def moving_in(
     Parameters
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
-        As `blur2view.images.pixels.photograph_of` returns it; reduced until a cell has 32 pixels or, if
+        As `blur2view.images.pixels.as_photograph` returns it; reduced until a cell has 32 pixels or, if
         smears are read anew, while it has more than `LARGE_PX`.
     grid : SmearGrid
         Its smears; they are read anew unless a `SmearNetwork` read them in ``Detail.GEOMETRY``.
@@ -148,33 +148,33 @@ def moving_in(
     """
     execution = execution or Execution()
     image, grid, factor = _readable(image, grid, execution)
-    gain = gain_of(image)
+    gain = brightness_gain(image)
     missing = [(0, -side % STEP) for side in image.shape[:2]]
-    image = np.pad(rgb_of(image), [*missing, (0, 0)], mode="symmetric")
+    image = np.pad(as_rgb(image), [*missing, (0, 0)], mode="symmetric")
     gradients, colour = block_gradients(image)
-    seen = channels_first(brightened(image, gain)), channels_first(cell_values(grid))
-    looks, moved = shipped(UNET, execution).run(*seen)
+    unet_inputs = channels_first(brightened(image, gain)), channels_first(cell_values(grid))
+    looks, camera_odds = shipped(UNET, execution).run(*unet_inputs)
     low, high = np.quantile(looks, [0.5, 0.995])
-    likely = np.clip((over_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
-    motion = camera_field(grid, 1 - (1 - LEFT) * likely, rng)
+    mover_share = np.clip((over_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
+    motion = camera_field(grid, 1 - (1 - LEFT) * mover_share, rng)
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
-    camera_moved = moved_probability(grid, float(moved), camera_px)
+    camera_moved = moved_probability(grid, float(camera_odds), camera_px)
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
-    against = block_evidence(gradients, colour, grid, motion), cell_evidence(grid, motion)
-    (blurred,) = shipped(MOVERS, execution).run(*map(channels_first, against))
+    mover_inputs = block_evidence(gradients, colour, grid, motion), cell_evidence(grid, motion)
+    (blurred,) = shipped(MOVERS, execution).run(*map(channels_first, mover_inputs))
     odds = np.asarray(INTERCEPT + SLOPE * (looks + blurred), np.float32)
     odds += np.float32(AT_REST * (1 - camera_moved))
     smooth = smooth_blocks(gradients)
     kinds = np.asarray(grid.kinds, np.float32)
-    shown = np.dstack([kinds[..., SHARP], kinds[..., [SMEARED, BOTH]].sum(-1), 1 - kinds[..., CANNOT_TELL]])
+    shares = np.dstack([kinds[..., SHARP], kinds[..., [SMEARED, BOTH]].sum(-1), 1 - kinds[..., CANNOT_TELL]])
     return Moving(
         log_odds=(1 - ALIKE) * odds + ALIKE * bilateral_mean(odds, colour, ~smooth),
         smooth=smooth,
         block_px=BLOCK_PX * factor,
         camera_px=camera_px,
         camera_moved=camera_moved,
-        kinds=np.asarray(cv2.resize(shown, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32),
+        kinds=np.asarray(cv2.resize(shares, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32),
     )
 
 
@@ -223,19 +223,19 @@ def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Ar
     ``weight`` (h, w), 0 to 1, is small where something moves by itself.
     """
     displacement, _, error = _smears(grid)
-    seen, sigma, counted = displacement.reshape(-1, 2), error.ravel(), weight.ravel()
+    smears, sigma, cell_weight = displacement.reshape(-1, 2), error.ravel(), weight.ravel()
     size = np.array(grid.shape[::-1])
     x, y = (grid.points().reshape(-1, 2) - (size - 1) / 2).T / (max(size) / 2)
     basis, model = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1), np.zeros((6, 2))
-    model[:3] = _start(basis[:, :3], seen, sigma, counted, rng)
-    length = RIDGE_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
+    model[:3] = _start(basis[:, :3], smears, sigma, cell_weight, rng)
+    length = RIDGE_SHARE * max(float(np.median(np.linalg.norm(smears, axis=1))), 1.0)
     ridge = np.diag(np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2 + 1e-9)
     for _ in range(STEPS):
         predicted = basis @ model
-        signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
-        squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
-        weighed = basis * (counted / (1 + squared) ** 2 / sigma**2)[:, None]
-        model = np.linalg.solve(weighed.T @ basis + ridge, weighed.T @ signed)
+        signed_smears = np.where((predicted * smears).sum(axis=1, keepdims=True) < 0, -smears, smears)
+        squared = ((signed_smears - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
+        weighted_basis = basis * (cell_weight / (1 + squared) ** 2 / sigma**2)[:, None]
+        model = np.linalg.solve(weighted_basis.T @ basis + ridge, weighted_basis.T @ signed_smears)
     return np.asarray((basis @ model).reshape(displacement.shape))
 
 
@@ -248,19 +248,19 @@ def _smears(grid: SmearGrid) -> tuple[Array, Array, Array]:
     return displacement, sigma, error
 
 
-def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
+def _start(basis: Array, smears: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
     """Return the field (3, 2) of least cost, affine through three cells or constant as one of them."""
     share = weight / sigma
-    share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
-    triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
+    share = share / share.sum() if share.sum() > 0 else np.full(len(smears), 1 / len(smears))
+    triples = rng.choice(len(smears), (SAMPLES, 3), p=share)
     inverse = np.linalg.pinv(basis[triples], rcond=1e-3)  # (S, 3, 3)
-    signed = seen[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
+    signed_smears = smears[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
     constant = np.zeros((SAMPLES, 3, 2))
-    constant[:, 0] = seen[triples[:, 0]]
-    models = np.concatenate([(inverse[:, None] @ signed).reshape(-1, 3, 2), constant])
-    scored = rng.permutation(len(seen))[:SCORED]
+    constant[:, 0] = smears[triples[:, 0]]
+    models = np.concatenate([(inverse[:, None] @ signed_smears).reshape(-1, 3, 2), constant])
+    scored = rng.permutation(len(smears))[:SCORED]
     x, y = (models[..., k] @ basis[scored].T for k in (0, 1))  # (M, SCORED)
-    seen_x, seen_y = seen[scored].T
+    seen_x, seen_y = smears[scored].T
     squared = x * x + y * y + (seen_x**2 + seen_y**2) - 2 * np.abs(x * seen_x + y * seen_y)
     error = squared / (4 * sigma[scored] ** 2)
     cost = (weight[scored] / sigma[scored] * error / (1 + error)).sum(axis=1)
@@ -280,29 +280,34 @@ def cell_values(grid: SmearGrid) -> Floats:
 
 
 def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
-    """Compare the cells of a grid with the camera's motion (h, w, 2), pixels: (h, w, 16), most logarithms."""
+    """Return how the smears of a grid's cells differ from the camera's motion (h, w, 2), pixels.
+
+    Values (h, w, 16): eleven of lengths, directions and deviations, most of them logarithms, and the
+    probabilities of `KINDS`. With the double-angle vectors u of the smear and v of the camera's motion as
+    complex numbers, (u - v) / v, shortened where both are short, is how they differ along v and across it.
+    """
     assert grid.blur is not None
-    seen, sigma_px, error = _smears(grid)
+    smears, sigma_px, error = _smears(grid)
     sigma_rad = np.minimum(grid.smears().sigma_rad.astype(float), np.pi / 2)
-    length, expected = np.linalg.norm(seen, axis=-1), np.linalg.norm(camera, axis=-1)
-    apart = np.minimum(*(np.linalg.norm(seen - sign * camera, axis=-1) for sign in (1, -1)))
-    scale = max(float(np.median(apart / error)), 0.5)
-    cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
+    smear_length, camera_length = np.linalg.norm(smears, axis=-1), np.linalg.norm(camera, axis=-1)
+    distance = np.minimum(*(np.linalg.norm(smears - sign * camera, axis=-1) for sign in (1, -1)))
+    scale = max(float(np.median(distance / error)), 0.5)
+    cosine = np.abs((smears * camera).sum(-1)) / np.maximum(smear_length * camera_length, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
-    readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    own, other = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (seen, camera))
-    turned = (own - other) * np.exp(-1j * np.angle(other)) / (np.abs(own) + np.abs(other) + 2)
+    readable = np.minimum(np.minimum(smear_length, camera_length) / SEEN_PX, 1.0) ** 2
+    u, v = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (smears, camera))
+    difference = (u - v) * np.exp(-1j * np.angle(v)) / (np.abs(u) + np.abs(v) + 2)
     evidence = [
-        np.log1p(apart / (scale * error)),
-        np.log1p(apart),
+        np.log1p(distance / (scale * error)),
+        np.log1p(distance),
         readable * np.log1p(angle / np.hypot(sigma_rad, 0.03)),
-        np.log((length + 1) / (expected + 1)),
-        np.log1p(length),
-        np.log1p(expected),
-        np.log(sigma_px / (length + 2) + 0.02),
+        np.log((smear_length + 1) / (camera_length + 1)),
+        np.log1p(smear_length),
+        np.log1p(camera_length),
+        np.log(sigma_px / (smear_length + 2) + 0.02),
         np.log(sigma_rad + 0.01),
-        turned.real,
-        np.abs(turned.imag),  # its size alone, which mirroring keeps
+        difference.real,
+        np.abs(difference.imag),  # mirroring a photograph changes the sign, which therefore says nothing
         np.log(grid.blur[..., 0] + 0.5),
     ]
     return np.concatenate([np.stack(evidence, axis=-1), grid.blur[..., 1:]], axis=-1, dtype=np.float32)
@@ -350,7 +355,7 @@ def smooth_blocks(gradients: Floats) -> Mask:
     return np.asarray(mean < SMOOTH)
 
 
-def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
+def bilateral_mean(values: Floats, colour: Floats, valid: Mask) -> Floats:
     """Return the mean (h, w) of the known values (h, w) over near blocks of like colour.
 
     A bilateral filter as wide as objects are. Blocks are gathered in bins of colour (h, w, 3), of levels in
@@ -368,8 +373,8 @@ def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
     def total(weights: NDArray[np.generic]) -> Floats:
         return np.bincount(index, weights.ravel()).astype(np.float32)
 
-    count, among = np.bincount(index).astype(np.float32), total(known)
-    sums = total(np.where(known, values, 0))
+    count, among = np.bincount(index).astype(np.float32), total(valid)
+    sums = total(np.where(valid, values, 0))
     means = np.stack([total(column) for column in features.T], axis=1) / count[:, None]
     half = (means**2).sum(axis=1) / 2
     average = np.empty_like(sums)

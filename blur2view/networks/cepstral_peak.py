@@ -53,15 +53,15 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
     octave = np.ceil(np.log2(np.maximum(length, 1) / MAX_PEAK_PX)).clip(0, len(spectra) - 1)
-    moved = cells.copy()
+    refined = cells.copy()
     for k, power in enumerate(spectra):
         own, side = octave == k, len(cells) // len(power)
         prior = _prior(cells, length, own, side, 2**k)
         if prior.usable.any():
             corrections = _corrections(*_sampled_peaks(power, prior, threads), prior)
             own &= repeated(prior.usable, side) & (cells[..., 2] < UNSURE * length)
-            moved[own] = _corrected(cells, repeated(corrections, side))[own]
-    return moved
+            refined[own] = _corrected(cells, repeated(corrections, side))[own]
+    return refined
 
 
 def repeated(cells: NDArray[Any], times: int) -> NDArray[Any]:
@@ -88,8 +88,8 @@ def _prior(cells: Floats, length: Floats, own: Mask, side: int, scale: int) -> P
 def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
     """Return the depths of cepstra about smears (h, w, 33, 25) and half smears (h, w, 221), in deviations."""
     usable = prior.usable
-    whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
-    steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
+    full = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
+    steps = np.concatenate([full.ravel(), 0.5 * full[::2, ::2].ravel()]).astype(np.complex64)
     peaks = np.zeros((*usable.shape, len(steps)), np.float32)
     rows, columns = np.nonzero(usable)
 
@@ -101,7 +101,7 @@ def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, F
     noise = np.sqrt(_over_neighbours(usable.astype(np.float32), NEIGHBOUR_WEIGHTS**2))
     summed = _over_neighbours(peaks, NEIGHBOUR_WEIGHTS)
     summed /= np.maximum(noise, 1e-3)[..., None]
-    return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
+    return summed[..., : full.size].reshape(*usable.shape, *full.shape), summed[..., full.size :]
 
 
 def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
@@ -180,9 +180,9 @@ def _cepstra(power: Floats) -> Floats:
     taper, trendless, ring = _filters()
     cepstra = np.fft.irfft2(np.log(power + np.float32(NOISE_FLOOR)) * taper, (WINDOW, WINDOW))
     cepstra = np.asarray(np.fft.fftshift(cepstra, (1, 2)) * trendless, np.float32)
-    seen = cepstra[:, ring]
-    cepstra -= seen.mean(1)[:, None, None]
-    return np.asarray(cepstra / (seen.std(1)[:, None, None] + np.float32(1e-9)))
+    ring_values = cepstra[:, ring]
+    cepstra -= ring_values.mean(1)[:, None, None]
+    return np.asarray(cepstra / (ring_values.std(1)[:, None, None] + np.float32(1e-9)))
 
 
 @functools.cache

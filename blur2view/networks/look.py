@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray, Array, Floats
-from blur2view.images.pixels import LEVELS_OF_8_BITS, brightened, floats_of, from_resized, gain_of
+from blur2view.images.pixels import LEVELS_OF_8_BITS, as_floats, brightened, brightness_gain, from_resized
 from blur2view.networks.model_file import OnnxNetwork
 from blur2view.networks.octaves import (
     FLAT_PX,
     not_short,
     octave_count,
+    octave_values,
     read_octave,
     thinned,
-    values_of,
     with_flat,
 )
 from blur2view.networks.spectra import STEP, WINDOW, power_spectra
@@ -49,12 +49,12 @@ def look(network: OnnxNetwork, features: int, image: AnyArray, brightness: float
     itself was read: short smears differ from none there alone.
     """
     height, width = image.shape[:2]
-    stride = stride_of(height, width)
+    stride = window_stride(height, width)
     first = (stride - 1) / 2
     middles = [np.minimum(np.arange(first, side + first, stride), side - 1) for side in (height, width)]
     rows, columns = (len(middle) for middle in middles)
     middles = [np.repeat(middle, 2 if len(middle) == 1 else 1) for middle in middles]  # the network needs two
-    pictures = [_grey(image, gain_of(image, brightness, SAMPLES))]
+    pictures = [_grey(image, brightness_gain(image, brightness, SAMPLES))]
     for _ in range(first_octave(height, width)):
         pictures.append(_halved(pictures[-1]))
     threads, read, flat = network.execution.threads, None, np.ones([len(middle) for middle in middles], bool)
@@ -65,12 +65,12 @@ def look(network: OnnxNetwork, features: int, image: AnyArray, brightness: float
         if k <= SEES_FOCUS and not_short(read):
             break
     assert read is not None
-    cells, blur = np.split(values_of(read, read_smears(read.smears), k), [4], axis=-1)
+    cells, blur = np.split(octave_values(read, read_smears(read.smears), k), [4], axis=-1)
     cells, blur = (values[:rows, :columns] for values in with_flat(cells, blur, flat))
     return SmearGrid(cells=cells, blur=blur, stride=stride, shape=(height, width), window_px=WINDOW_PX << k)
 
 
-def stride_of(height: int, width: int) -> int:
+def window_stride(height: int, width: int) -> int:
     """Return the distance of windows, pixels, at which rows of some `CELLS` in all cover a photograph."""
     rows = max(round(math.sqrt(CELLS * height / width)), 1)
     return max(-(-height // rows), STEP)
@@ -88,7 +88,7 @@ def _grey(image: AnyArray, gain: float) -> AnyArray:
     An octave of 8 bits would be rounded as coarsely as the photograph, which it is the mean of.
     """
     if image.dtype != np.uint8:
-        return np.asarray(cv2.cvtColor(floats_of(image, gain), cv2.COLOR_RGB2GRAY))
+        return np.asarray(cv2.cvtColor(as_floats(image, gain), cv2.COLOR_RGB2GRAY))
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     table = np.rint(WHITE * brightened(LEVELS_OF_8_BITS, gain)).astype(np.uint16)
     return np.asarray(cv2.LUT(np.ascontiguousarray(grey), table))

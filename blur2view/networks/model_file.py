@@ -139,19 +139,19 @@ class OnnxNetwork:
             content = read_regular(self.path, MAX_FILE_BYTES)
         except OSError as error:
             raise self.error(f"cannot read the network ({error.strerror})") from None
-        wanted = _provider_names(self.execution.providers)
+        provider_names = _provider_names(self.execution.providers)
         try:
-            self.session = _session(content, self.execution.threads, wanted)
+            self.session = _session(content, self.execution.threads, provider_names)
             self.metadata: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
         except Exception:  # ONNX Runtime has a dozen types; UnicodeDecodeError of a damaged name
             raise self.error("is not an ONNX network that can be run") from None
-        if idle := [name for name in wanted if name not in self.session.get_providers()]:
+        if idle := [name for name in provider_names if name not in self.session.get_providers()]:
             raise ModelError(
                 f"{_short(idle[0])} does not start, because its library or device is missing; omit it"
             )
-        stated = self.metadata.get("blur2view_format", "none")
-        if stated != form.version:
-            raise self.error(f"is not {form.what} of format {form.version}; its format is {stated}")
+        stated_format = self.metadata.get("blur2view_format", "none")
+        if stated_format != form.version:
+            raise self.error(f"is not {form.what} of format {form.version}; its format is {stated_format}")
         self.model_id: str = self.metadata.get("model_id", "unnamed")
 
     def error(self, what: str) -> ModelError:
@@ -163,9 +163,9 @@ class OnnxNetwork:
         options = _onnxruntime().RunOptions()
         if frugal:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
-        given = {name: array[None] for name, array in zip(self.form.inputs, inputs, strict=True)}
+        feed = {name: array[None] for name, array in zip(self.form.inputs, inputs, strict=True)}
         try:
-            outputs: list[AnyArray] = self.session.run(None, given, options)
+            outputs: list[AnyArray] = self.session.run(None, feed, options)
         except Exception:  # of the same types
             height, width = inputs[0].shape[-2:]
             raise self.error(f"cannot be run on {width}x{height} values") from None

@@ -57,23 +57,23 @@ def read_octave(
     above = np.zeros(shape, np.float32) if coarse is None else coarse.features
     outputs = network.run(grey[None], *polar_cepstra(power, network.execution.threads), above, frugal=frugal)
     expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]
-    if (found := [output.shape for output in outputs]) != expected:
-        raise network.error(f"gives shapes {found}")
+    if (shapes := [output.shape for output in outputs]) != expected:
+        raise network.error(f"gives shapes {shapes}")
     own = Octave(*outputs)
     if coarse is None:
         return own
     return own._replace(smears=joined(own.smears, coarse.smears), radii=joined(own.radii, coarse.radii))
 
 
-def values_of(read: Octave, cells: Floats, k: int) -> Floats:
+def octave_values(octave: Octave, cells: Floats, k: int) -> Floats:
     """Return values (h, w, 10) of the cells of octave ``k``, whose smears (h, w, 4) were read, in pixels.
 
     Double angle of the smear and both deviations, radius out of focus, probabilities of `KINDS`.
     """
-    kinds = softmax(read.kinds)
+    kinds = softmax(octave.kinds)
     values = np.empty((*kinds.shape[:2], CELL_VALUES), np.float32)
     values[..., :4] = with_unseen(cells, kinds[..., CANNOT_TELL])
-    values[..., 4], values[..., 5:] = read_radii(read.radii), kinds
+    values[..., 4], values[..., 5:] = read_radii(octave.radii), kinds
     values[..., [0, 1, 2, 4]] *= 2**k
     return values
 
@@ -85,12 +85,12 @@ def with_flat(cells: Floats, blur: Floats, flat: Mask) -> tuple[Floats, Floats]:
     return np.where(flat[..., None], nothing, cells), np.where(flat[..., None], unknown, blur)
 
 
-def not_short(read: Octave) -> bool:
+def not_short(octave: Octave) -> bool:
     """Return whether the smears are too long for a finer octave to add anything."""
-    likelihood = np.exp(read.smears - read.smears.max((-2, -1), keepdims=True))
+    likelihood = np.exp(octave.smears - octave.smears.max((-2, -1), keepdims=True))
     short = likelihood[..., :SHORT_BINS].sum((-2, -1)) / likelihood.sum((-2, -1))
-    known = 1 - softmax(read.kinds)[..., CANNOT_TELL]
-    return bool((short * known).sum() < MAX_SHORT * known.sum())
+    readable = 1 - softmax(octave.kinds)[..., CANNOT_TELL]
+    return bool((short * readable).sum() < MAX_SHORT * readable.sum())
 
 
 def thinned(windows: Floats) -> Floats:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray, Floats, Mask
-from blur2view.images.pixels import floats_of, gain_of, photograph_of
+from blur2view.images.pixels import as_floats, as_photograph, brightness_gain
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.look import look
 from blur2view.networks.model_file import (
@@ -33,15 +33,15 @@ from blur2view.networks.octaves import (
     FLAT_PX,
     not_short,
     octave_count,
+    octave_values,
     octaves,
     read_octave,
     thinned,
-    values_of,
     with_flat,
 )
-from blur2view.networks.spectra import STEP, in_batches, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, in_batches, power_spectra, sliding_windows
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import DIRECTIONS, read_smears, shares_of
+from blur2view.smears.likelihood import DIRECTIONS, marginals, read_smears
 from blur2view.smears.noise import WINDOW_PX
 
 MIN_SIDE_PX = 64  # of the smallest octave, mirrored up to it: two cells, more than its mirrored border
@@ -126,10 +126,10 @@ class SmearNetwork:
 
         Of a large photograph it reads some windows, spread over it, as many as ``detail`` needs. Without any
         texture the smear is zero, the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind
-        of blur is unknown. ValueError if it is not a photograph as `photograph_of` takes it; ModelError if
+        of blur is unknown. ValueError if it is not a photograph as `as_photograph` takes it; ModelError if
         the network breaks its format's promise.
         """
-        image, detail = photograph_of(image), Detail(detail)  # also of a string
+        image, detail = as_photograph(image), Detail(detail)  # also of a string
         with one_thread:
             if detail is Detail.RANKING:
                 return look(self._network, self._features, image, self._brightness)
@@ -147,7 +147,7 @@ class SmearNetwork:
         levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         height, width = (-(-max(side, MIN_SIDE_PX << levels - 1) // step) * step for side in image.shape[:2])
-        grey = _grey(image, gain_of(image, self._brightness), (height, width))
+        grey = _grey(image, brightness_gain(image, self._brightness), (height, width))
         flat = _flat(grey[: image.shape[0], : image.shape[1]], apart // STEP)
         if flat.all():
             return np.zeros((*flat.shape, VALUES), np.float32), flat
@@ -163,13 +163,13 @@ def read_octaves(
     """Read a picture's `octaves`, the smallest first: values (h, w, 74) of cells of ``apart`` pixels.
 
     ``apart`` is 32 times a power of two; the picture's sides are multiples of a cell in every octave. The
-    values of a cell: those of `values_of`; the shares of directions and lengths, of the octave in which a
+    values of a cell: those of `octave_values`; the shares of directions and lengths, of the octave in which a
     cell has 32 pixels and all smaller ones. Octaves finer than a cell are read only while the smears may be
     short.
     """
     threads, spectra, read, shares = network.execution.threads, list[Floats](), None, None
     for k, picture in pictures:
-        windows = windows_of(picture, max(STEP, apart >> k))
+        windows = sliding_windows(picture, max(STEP, apart >> k))
         spectra.insert(0, power_spectra(windows, threads))
         shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
         del picture, windows  # a large photograph's
@@ -186,7 +186,7 @@ def read_octaves(
 
     in_batches(decode, len(cells), threads, ROWS)
     cells = refine_on_cepstrum(cells, spectra, threads)
-    return np.concatenate([values_of(read, cells, k), shares], axis=-1)
+    return np.concatenate([octave_values(read, cells, k), shares], axis=-1)
 
 
 def _shares(smears: Floats, threads: int) -> Floats:
@@ -194,7 +194,7 @@ def _shares(smears: Floats, threads: int) -> Floats:
     shares = np.empty((*smears.shape[:2], DIRECTIONS + LENGTHS), np.float32)
 
     def fill(rows: slice) -> None:
-        shares[rows] = shares_of(smears[rows], LENGTHS)
+        shares[rows] = marginals(smears[rows], LENGTHS)
 
     in_batches(fill, len(shares), threads, ROWS)
     return shares
@@ -213,7 +213,7 @@ def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
     grey = np.empty(shape, np.float32)
     for first in range(0, shape[0], STRIP_ROWS):
         rows = slice(first, first + STRIP_ROWS)
-        rgb: AnyArray = floats_of(image[mirrored[rows]], gain)
+        rgb: AnyArray = as_floats(image[mirrored[rows]], gain)
         if width % STEP:  # odd columns are rounded otherwise
             rgb = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
         luma = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[:, :width]

@@ -46,7 +46,7 @@ def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: i
         list(pool.map(work, [slice(first, first + batch) for first in range(0, count, batch)]))
 
 
-def windows_of(grey: Floats, apart: int = STEP) -> Floats:
+def sliding_windows(grey: Floats, apart: int = STEP) -> Floats:
     """Return a view: windows (h, w, 96, 96) of a picture (apart h, apart w), mirrored beyond its border."""
     border, first = max((WINDOW - apart) // 2, 0), max((apart - WINDOW) // 2, 0)
     padded = np.pad(grey, border, mode="reflect") if border else grey
@@ -83,15 +83,15 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
     spectra = power.reshape(h * w, -1)
     cepstra = np.empty((h * w, DIRECTIONS, LAGS), np.float32)
     scales = np.empty((h * w, SCALES), np.float32)
-    index, mean_of, samples_of = polar_map()
+    index, mean_weights, sample_maps = polar_map()
 
     def transform(part: slice) -> None:
         eighths = spectra[part].take(index, 1, mode="clip")  # without checks: a third of the time
-        mean = eighths @ mean_of
+        mean = eighths @ mean_weights
         relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
         floors = np.full_like(relative, NOISE_FLOOR), relative
         both = np.split(cepstra[part], [len(PEAK_LAGS_PX)], axis=-1)
-        for k, (floor, samples, cepstrum) in enumerate(zip(floors, samples_of, both, strict=True)):
+        for k, (floor, samples, cepstrum) in enumerate(zip(floors, sample_maps, both, strict=True)):
             values = sampled(np.log(eighths + floor), samples)
             values -= values.mean((1, 2), keepdims=True)
             square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)

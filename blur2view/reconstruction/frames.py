@@ -11,7 +11,7 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
-from blur2view.images.inputs import Source, frame_file, list_photographs, png_of
+from blur2view.images.inputs import Source, encode_png, frame_file, list_photographs
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, read_frame
 
@@ -32,7 +32,7 @@ class Frame(NamedTuple):
     moved: float  # of the picture since the frame before, of its longer side
 
 
-def sources_of(video: Path) -> list[tuple[str, Source]]:
+def named_sources(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
     inputs = list_photographs([str(video)], recursive=True).readable()
     if inputs.one_video:
@@ -48,15 +48,15 @@ def sources_of(video: Path) -> list[tuple[str, Source]]:
     return list(zip(plain_names(names), inputs.sources, strict=True))
 
 
-def content_of(source: Source) -> bytes:
+def colmap_content(source: Source) -> bytes:
     """Return a frame's file as COLMAP reads it: of a video, and of what COLMAP does not read, a PNG."""
     if source.frame is not None or source.path.suffix.lower() in READ_BY_COLMAP:
         return source.picture()
     pixels = read_picture(source.path, as_stored=True).pixels
-    return png_of(pixels if pixels.dtype != np.float32 else np.rint(255 * pixels).astype(np.uint8))
+    return encode_png(pixels if pixels.dtype != np.float32 else np.rint(255 * pixels).astype(np.uint8))
 
 
-def size_of(source: Source) -> tuple[int, int]:
+def stored_size(source: Source) -> tuple[int, int]:
     """Return width and height of a frame as it is stored, pixels."""
     return read_picture(source.path, as_stored=True, content=source.read()).size
 
@@ -66,21 +66,21 @@ def plain_names(names: Sequence[str]) -> list[str]:
 
     Of names that would be one, the later ones get a number.
     """
-    found = dict[str, None]()
+    taken = dict[str, None]()
     for name in names:
         plain = PurePath("".join("_" if mark.isspace() or not mark.isprintable() else mark for mark in name))
         more = (plain.with_name(f"{plain.stem}_{k}{plain.suffix}") for k in count(2))
-        found[next(str(one) for one in chain([plain], more) if str(one) not in found)] = None
-    return list(found)
+        taken[next(str(one) for one in chain([plain], more) if str(one) not in taken)] = None
+    return list(taken)
 
 
 def looked_at(
-    listed: Sequence[tuple[str, Source]], show: Callable[[int, int], None] = lambda done, count: None
+    sources: Sequence[tuple[str, Source]], show: Callable[[int, int], None] = lambda done, count: None
 ) -> Iterator[Frame]:
     """Yield every frame with its sharpness and how far the picture moved; a video may end early."""
     before, window = None, None
-    for place, (name, source) in enumerate(listed):
-        show(place, len(listed))
+    for place, (name, source) in enumerate(sources):
+        show(place, len(sources))
         try:
             grey = _grey(source)
         except EndOfVideo as end:

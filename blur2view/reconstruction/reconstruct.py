@@ -23,8 +23,8 @@ from blur2view import __version__
 from blur2view.colmap import transforms
 from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.frame_sequence import FrameSequence
-from blur2view.colmap.models import ids_of, photographs_of, read_model, refuse_other_model, write_model
-from blur2view.colmap.recovery import recovery_of
+from blur2view.colmap.models import read_ids, read_model, refuse_other_model, registered_images, write_model
+from blur2view.colmap.recovery import finished_recovery
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.files import (
@@ -46,7 +46,14 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.frames import Frame, chosen, content_of, looked_at, size_of, sources_of
+from blur2view.reconstruction.frames import (
+    Frame,
+    chosen,
+    colmap_content,
+    looked_at,
+    named_sources,
+    stored_size,
+)
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -142,9 +149,9 @@ def reconstruct(
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
         raise OutputError(f"{folder}: lies in the folder of the frames; name another folder with -o")
-    listed = dict(sources_of(video))
+    listed = dict(named_sources(video))
     if options.camera:  # which is checked before anything is written
-        options.for_colmap(size_of(next(iter(listed.values()))))
+        options.for_colmap(stored_size(next(iter(listed.values()))))
     writable_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -188,7 +195,7 @@ def _made(
             for done, name in enumerate(kept):
                 show(done, len(kept))
                 if not (images / name).is_file():  # one that is there is whole
-                    write_file(images / name, content_of(listed[name]))
+                    write_file(images / name, colmap_content(listed[name]))
         return len(kept)
 
     scene.step("images", [f"{IMAGES}/{name}" for name in kept], write_images)
@@ -309,7 +316,7 @@ def _map(
         raise DatabaseError(f"{folder}: COLMAP made no model of {len(names)} frames: {why}")
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
-    largest, *others = (set(photographs_of(model)) for model in models)
+    largest, *others = (set(registered_images(model)) for model in models)
     return {"others": [len(other - largest) for other in others if other - largest]}
 
 
@@ -334,7 +341,7 @@ def _recover(
             sequence = FrameSequence(folder / WORK / "placed", folder / IMAGES, names, network)
         notes = Notes(folder / WORK / "recovering.jsonl", sequence)
         recover_all(sequence, jobs=jobs, notes=notes, show=show)
-        found = recovery_of(sequence, ids_of(folder / DATABASE), views=True)
+        found = finished_recovery(sequence, read_ids(folder / DATABASE), views=True)
     known = {*found.registered, *found.recovered}
     images, database = folder / IMAGES, folder / DATABASE
     write_model(transforms.keep_photographs(found.model, known), folder / SPARSE, images, database)

@@ -16,12 +16,12 @@ from PIL.PngImagePlugin import PngInfo
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.files import SIGNED_BY
 from blur2view.geometry.epipolar import epipoles, homogeneous
-from blur2view.images.pixels import floats_of, photograph_of, to_resized
+from blur2view.images.pixels import as_floats, as_photograph, to_resized
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.record import Record
 from blur2view.results.verdict import fit_line, percent
-from blur2view.smears.blur_map import BlurLabel, shares_of_labels
+from blur2view.smears.blur_map import BlurLabel, label_shares
 
 Picture = NDArray[np.uint8]  # (H, W, 3) or, of a layer, (H, W, 4)
 INK, PAPER, FAINT, BLACK, WHITE = (235, 235, 235), (26, 26, 30), (165, 165, 165), (0, 0, 0), (255, 255, 255)
@@ -98,7 +98,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
         key.append("white lines are epipolar lines, and rings are epipoles")
     config = f"COLMAP calls it {record.config}" if record.moved() else ""
     text = ". ".join(filter(None, (fit_line(record), config, "; ".join(key).capitalize())))
-    pale = cv2.transform(shown(photograph_of(image)), PALE)
+    pale = cv2.transform(shown(as_photograph(image)), PALE)
     return captioned(over(pale, lines, smears), record.verdict, text)
 
 
@@ -133,7 +133,7 @@ def draw_blur_map(image: AnyArray, labels: NDArray[np.uint8]) -> Picture:
     tint = colours[cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST)]
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None]
     blended = np.rint((1 - BLUR_OPACITY) * grey + BLUR_OPACITY * tint).astype(np.uint8)
-    shares = shares_of_labels(labels)
+    shares = label_shares(labels)
     words = {"sharp": "sharp (green)", "smeared": "smeared (orange)", "soft": "out of focus (blue)"}
     words["smooth"] = "too smooth to tell (dark)"
     named = [f"{percent(share)} {words[name]}" for name, share in shares.items() if share]
@@ -156,27 +156,27 @@ def mask_verdict(mask: MotionMask, unseen: str = "") -> str:
     return f"{line}; motion is unobservable in {percent(hidden)}" if hidden >= MENTIONED_SHARE else line
 
 
-def scale_of(shape: tuple[int, ...]) -> float:
+def picture_scale(shape: tuple[int, ...]) -> float:
     """Return the scale from a photograph of shape (H, W, ...) to its picture."""
     longer = max(shape[:2])
     return min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX) / longer
 
 
-def size_of(shape: tuple[int, ...]) -> tuple[int, int]:
+def picture_size(shape: tuple[int, ...]) -> tuple[int, int]:
     """Return the width and height of the picture of a photograph of shape (H, W, ...)."""
-    return max(round(shape[1] * scale_of(shape)), 1), max(round(shape[0] * scale_of(shape)), 1)
+    return max(round(shape[1] * picture_scale(shape)), 1), max(round(shape[0] * picture_scale(shape)), 1)
 
 
 def on_picture(points: Array, shape: tuple[int, ...]) -> Array:
     """Return pixels (..., 2) of a photograph as pixels of its picture; the corners coincide."""
-    return to_resized(points, scale_of(shape))
+    return to_resized(points, picture_scale(shape))
 
 
 def shown(image: AnyArray) -> Picture:
     """Return the picture of a photograph (H, W, 3) or (H, W), uint8 RGB."""
-    interpolation = cv2.INTER_AREA if scale_of(image.shape) < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(image, size_of(image.shape), interpolation=interpolation)
-    return np.round(255 * np.clip(floats_of(small), 0, 1)).astype(np.uint8)
+    interpolation = cv2.INTER_AREA if picture_scale(image.shape) < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(image, picture_size(image.shape), interpolation=interpolation)
+    return np.round(255 * np.clip(as_floats(small), 0, 1)).astype(np.uint8)
 
 
 def over(picture: AnyArray, *layers: Picture) -> Picture:
@@ -191,7 +191,7 @@ def smear_layer(estimate: Estimate) -> Picture:
     """Return the layer of smears that exceed their errors: inliers coloured, on dark rims, above outliers."""
     matches, fits, shape = estimate.matches, estimate.geometry.inlier_mask, estimate.grid.shape
     layer, certainty = blank(shape), matches.length_px / (matches.sigma_px + 0.1)
-    typical = float(np.median(matches.length_px)) * scale_of(shape) if len(matches) else 0.0
+    typical = float(np.median(matches.length_px)) * picture_scale(shape) if len(matches) else 0.0
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # room for long smears
     spread = spread_subset(on_picture(matches.midpoint, shape), certainty, spacing)
     drawn = spread[certainty[spread] >= 1]
@@ -230,7 +230,10 @@ def line_layer(estimate: Estimate) -> Picture:
 def mask_layer(mask: MotionMask) -> Picture:
     """Return the layer of a motion mask: moving parts pink with a white rim, unobservable ones hatched."""
     shape = mask.labels.shape
-    layer, labels = blank(shape), cv2.resize(mask.labels, size_of(shape), interpolation=cv2.INTER_NEAREST)
+    layer, labels = (
+        blank(shape),
+        cv2.resize(mask.labels, picture_size(shape), interpolation=cv2.INTER_NEAREST),
+    )
     moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
     rows, columns = np.indices(labels.shape)
     layer[unseen] = opaque(BLACK, UNSEEN_OPACITY)
@@ -243,7 +246,7 @@ def mask_layer(mask: MotionMask) -> Picture:
 
 def blank(shape: tuple[int, ...]) -> Picture:
     """Return a transparent layer for a photograph of shape (H, W, ...)."""
-    width, height = size_of(shape)
+    width, height = picture_size(shape)
     return np.zeros((height, width, 4), np.uint8)
 
 

@@ -16,7 +16,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.geometry.configuration import MotionModel
-from blur2view.results.verdict import use_of, verdict
+from blur2view.results.verdict import decide_use, verdict
 from blur2view.smears.blur import BlurKind
 from blur2view.two_view.constants import TRANSLATION_RULE
 
@@ -288,8 +288,8 @@ class Record:
         return cls(**{name: plain(value) for name, value in (values | stated).items()})
 
     def with_use(self, *limits_px: float) -> Self:
-        """Return the record with the use of the photograph, given limits of a sharp one (`use_of`)."""
-        return replace(self, use=use_of(self, *limits_px))
+        """Return the record with the use of the photograph, given limits of a sharp one (`decide_use`)."""
+        return replace(self, use=decide_use(self, *limits_px))
 
     def without_geometry(self) -> Self:
         """Return the record without geometry, as triage reads too few smears for it."""

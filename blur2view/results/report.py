@@ -21,7 +21,7 @@ from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.blur_timeline import STYLE as SVG_STYLE
 from blur2view.results.blur_timeline import Seen, smears_over_time, turning_over_time
-from blur2view.results.overlay import Picture, line_layer, mask_layer, shown, size_of, smear_layer
+from blur2view.results.overlay import Picture, line_layer, mask_layer, picture_size, shown, smear_layer
 from blur2view.results.page import page
 from blur2view.results.record import Record, entries
 from blur2view.results.verdict import turned
@@ -197,7 +197,7 @@ def _uncertainty(estimate: Estimate) -> Picture:
     low, high = np.percentile(sigma, [2, 98])
     levels = np.round(255 * np.clip((sigma - low) / max(high - low, 0.1), 0, 1)).astype(np.uint8)
     pixels = np.kron(levels, np.ones((grid.stride, grid.stride), np.uint8))[: grid.shape[0], : grid.shape[1]]
-    small = cv2.resize(pixels, size_of(grid.shape), interpolation=cv2.INTER_NEAREST)
+    small = cv2.resize(pixels, picture_size(grid.shape), interpolation=cv2.INTER_NEAREST)
     colours = cv2.applyColorMap(small, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     return (0.65 * np.dstack([colours, np.full(small.shape, 255)])).astype(np.uint8)
 

@@ -36,7 +36,9 @@ class Use(StrEnum):
     UNCLEAR = "unclear"  # too smooth or too dark to show blur
 
 
-def use_of(record: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX) -> str:
+def decide_use(
+    record: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX
+) -> str:
     """Return the use of a photograph, empty if it failed, given the limits of a sharp one.
 
     The kind of blur decides first: the length of the smear counts only where the camera moved.
@@ -88,8 +90,8 @@ def rounded(value: float) -> str:
 
 def percent(share: float) -> str:
     """Return a share in whole per cent; only none is 0, and only all is 100."""
-    whole = min(round(100 * share), 100 if share >= 1 else 99)
-    return f"{whole} %" if whole or not share else "less than 1 %"
+    per_cent = min(round(100 * share), 100 if share >= 1 else 99)
+    return f"{per_cent} %" if per_cent or not share else "less than 1 %"
 
 
 def _motion(record: Record, by: str) -> str:

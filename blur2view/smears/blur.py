@@ -11,7 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Floats, white_of
+from blur2view.arrays import AnyArray, Floats, white_level
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import CANNOT_TELL, SHORTEST_PX
 
@@ -91,12 +91,12 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     What is noise alone, as under a lens cap, looks sharp to a network, so that its brightness decides:
     almost all of it must be dark, or burnt out; less of it where the cells of its ``grid`` know nothing.
     """
-    white = white_of(image)
+    white = white_level(image)
     every = max(int((image.shape[0] * image.shape[1] / SAMPLED) ** 0.5), 1)
-    values, known = image[::every, ::every], knows_kinds(grid)
-    other = OTHER if known else OTHER_UNKNOWN
-    low, high = np.quantile(values, (other, 1 - other)) / white
-    if high < DARK and (not known or len(np.unique(values[values < DARK * white])) <= LEVELS):
+    values, kinds_known = image[::every, ::every], knows_kinds(grid)
+    exempt_share = OTHER if kinds_known else OTHER_UNKNOWN
+    low, high = np.quantile(values, (exempt_share, 1 - exempt_share)) / white
+    if high < DARK and (not kinds_known or len(np.unique(values[values < DARK * white])) <= LEVELS):
         return TOO_DARK
     if low > BRIGHT:
         return OVEREXPOSED
@@ -111,10 +111,10 @@ def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None
     it is.
     """
     smears, sigma = grid.smears(), grid.sigma_px
-    seen = sigma < UNSEEN_PX
-    if seen.mean() < MIN_KNOWN:
+    textured = sigma < UNSEEN_PX
+    if textured.mean() < MIN_KNOWN:
         return blur
-    weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
+    weight = textured / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
     if grid.kinds is not None:
         weight = weight * (1 - grid.kinds[..., CANNOT_TELL])
     weight = weight if of_kind is None else weight * of_kind

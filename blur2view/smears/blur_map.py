@@ -51,16 +51,16 @@ def blur_map(grid: SmearGrid) -> NDArray[np.uint8]:
     if grid.kinds is None:
         raise ValueError("expected smears with kinds of blur, as SmearNetwork reads them off a photograph")
     kinds, sure = grid.kinds, is_sure(grid)
-    share_of = {
+    label_share = {
         BlurLabel.SMOOTH: kinds[..., CANNOT_TELL],
         BlurLabel.SMEARED: (kinds[..., SMEARED] + kinds[..., BOTH]) * sure,
         BlurLabel.SOFT: kinds[..., OUT_OF_FOCUS] + kinds[..., BOTH] * ~sure,
         BlurLabel.SHARP: kinds[..., SHARP],
     }
-    shares = np.stack(list(share_of.values()), axis=-1)
+    shares = np.stack(list(label_share.values()), axis=-1)
     height, width = grid.shape
     index = upsample_grid(shares.astype(np.float32), grid.stride)[:height, :width].argmax(-1)
-    return np.asarray(np.array(list(share_of), np.uint8)[index])
+    return np.asarray(np.array(list(label_share), np.uint8)[index])
 
 
 def is_sure(grid: SmearGrid) -> NDArray[np.bool_]:
@@ -68,7 +68,7 @@ def is_sure(grid: SmearGrid) -> NDArray[np.bool_]:
     return np.asarray(grid.smears().length_px > grid.sigma_px)
 
 
-def shares_of_labels(labels: NDArray[np.uint8]) -> dict[str, float]:
+def label_shares(labels: NDArray[np.uint8]) -> dict[str, float]:
     """Return the share of the pixels of each label, by its name in small letters."""
     counts = cv2.calcHist([labels], [0], None, [256], [0, 256]).ravel()
     return {label.name.lower(): float(counts[label] / labels.size) for label in reversed(BlurLabel)}

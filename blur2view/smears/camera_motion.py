@@ -105,26 +105,26 @@ class Evidence:
 
         A camera whose smears are no longer than their errors is not said to have moved: nobody can tell.
         """
-        grid, moved = self.grid, self.camera_moved
+        grid, camera_moved = self.grid, self.camera_moved
         if self.nothing_seen:  # what the cells read is noise
             return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=self.nothing_seen)
         if grid.blur is None or grid.kinds is None or not knows_kinds(grid):
             unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
             if not knows_kinds(grid) or unknown.smear_px is None:
                 return unknown
-            kind = BlurKind.CAMERA_MOVED if moved > 0.5 else BlurKind.SHARP
-            return replace(unknown, kind=kind, camera_moved=moved)
+            kind = BlurKind.CAMERA_MOVED if camera_moved > 0.5 else BlurKind.SHARP
+            return replace(unknown, kind=kind, camera_moved=camera_moved)
         kinds, still_kinds = np.asarray(grid.kinds, float), self._still_kinds
         moving_share = 0.0 if self.movers is None else self.movers.share
-        kind = kind_of(still_kinds, moving_share, moved > 0.5)
+        kind = decide_kind(still_kinds, moving_share, camera_moved > 0.5)
         in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
         weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1)
         radius, spread = weighted_median(grid.blur[..., 0], weight * (1 - kinds[..., CANNOT_TELL]))
         if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
             kind = BlurKind.OUT_OF_FOCUS
         blur = Blur(kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=moving_share)
-        counted = [SMEARED, BOTH] if kind.of_camera else [SHARP, OUT_OF_FOCUS]
-        blur = with_length(replace(blur, camera_moved=moved), grid, still_kinds[..., counted].sum(-1))
+        shown = [SMEARED, BOTH] if kind.of_camera else [SHARP, OUT_OF_FOCUS]
+        blur = with_length(replace(blur, camera_moved=camera_moved), grid, still_kinds[..., shown].sum(-1))
         if not (kind.of_camera and blur.is_short):
             return blur
         figures = (
@@ -210,7 +210,7 @@ def blur_of(
     return Evidence(grid=grid, nothing_seen=nothing, movers=movers).blur
 
 
-def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: bool) -> BlurKind:
+def decide_kind(kinds: NDArray[np.float64], moving_share: float, camera_moved: bool) -> BlurKind:
     """Return the kind of blur of a photograph whose camera moved, or did not, from those of its cells.
 
     ``kinds`` (h, w, 5) are their probabilities times the share of the cell that does not move by itself.
@@ -241,21 +241,21 @@ def in_doubt(grid: SmearGrid) -> bool:
     """Whether the kinds of the cells do not decide if the camera moved: some are smeared, some are not."""
     if grid.kinds is None:
         return False
-    smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
-    still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
-    whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
-    is_plain = still <= MAX_STILL and (whole.smear_px or 0.0) >= PLAIN_PX and not whole.is_short
-    return bool(smeared > MOVING_SHARE and not is_plain)
+    smeared_part = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
+    still_share = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
+    overall = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
+    is_plain = still_share <= MAX_STILL and (overall.smear_px or 0.0) >= PLAIN_PX and not overall.is_short
+    return bool(smeared_part > MOVING_SHARE and not is_plain)
 
 
 def is_close(grid: SmearGrid) -> bool:
     """Whether the decision is so near a limit that reading all windows may change it."""
     if grid.kinds is None:
         return False
-    moved, smears = smeared_share(np.asarray(grid.kinds, float)), grid.smears()
-    if abs(moved - 0.5) < CLOSE_MOVED:
+    moved_share, smears = smeared_share(np.asarray(grid.kinds, float)), grid.smears()
+    if abs(moved_share - 0.5) < CLOSE_MOVED:
         return True
-    if moved > 0.5:
+    if moved_share > 0.5:
         blur, (_, _, smeared, both) = Evidence(grid=grid).blur, near_border(np.asarray(grid.kinds, float))
         soft = (blur.defocus_px or 0.0) > DEFOCUSED_PX and both > CLOSE_BOTH * (smeared + both)
         return blur.kind is BlurKind.CAMERA_MOVED and soft

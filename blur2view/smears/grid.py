@@ -186,8 +186,8 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
     """Return the arrays of a ``.smear.npz`` file by name: cells (h, w, 4) and blur (h, w, 6) as float16."""
     scalars = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
     blur = {} if grid.blur is None else {BLUR_KEY: grid.blur.astype(np.float16)}
-    named = {name: np.array(value) for name, value in scalars.items()}
-    return {GRID_KEY: grid.cells.astype(np.float16), **blur, **named}
+    arrays = {name: np.array(value) for name, value in scalars.items()}
+    return {GRID_KEY: grid.cells.astype(np.float16), **blur, **arrays}
 
 
 MAX_BYTES = 1 << 28  # bound, of a file's arrays; the largest photograph has 12 MB of them

@@ -76,7 +76,7 @@ def read_smears(log_likelihood: Floats) -> Floats:
     ).astype(np.float32)
 
 
-def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
+def marginals(log_likelihood: Floats, lengths: int) -> Floats:
     """Return the probabilities of 32 directions and of ``lengths`` lengths, (h, w, 32 + lengths).
 
     Of log likelihoods (h, w, 32, bins); the last length includes all longer ones.

@@ -145,7 +145,7 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     kept = np.sort(order[(length >= MIN_MATCH_PX)[order]][:count])
     noise = INDEPENDENT
     if grid.window_px is not None:
-        noise = NoiseModel.of_cells(step * grid.stride, grid.window_px)
+        noise = NoiseModel.for_cells(step * grid.stride, grid.window_px)
     return SmearMatches(
         ends=smear_ends(points[kept], smears.displacement[kept]),
         sigma_px=sigma[kept],

@@ -58,7 +58,7 @@ class NoiseModel:
     outlier_odds: float = 0.5
 
     @classmethod
-    def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> NoiseModel:
+    def for_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> NoiseModel:
         """Return the model of a network's cells every ``spacing_px``, read from windows of ``window_px``.
 
         The odds of an outlier were chosen on 25 rendered planes and rotations and 24 general motions (seeds

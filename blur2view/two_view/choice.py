@@ -66,7 +66,7 @@ def choose(
     if moved:
         candidates = [candidate for candidate in candidates if candidate.model is not MotionModel.STILL]
     if has_consensus:
-        gain = plane.gain_of_parallax(fit.point.matrix())
+        gain = plane.parallax_gain(fit.point.matrix())
         candidates.append(Candidate(MotionModel.PARALLAX, plane, plane.log_posterior + gain))
     return named_choice(candidates, model_probabilities(candidates, sample), agreement)
 

@@ -241,8 +241,8 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     if matches.image_size not in (None, (camera.width, camera.height)):
         raise ValueError(f"camera is for {camera.width}x{camera.height}, matches for {matches.image_size}")
     straight = camera.undistorted(matches.ends)
-    seen = np.isfinite(straight).all(axis=(1, 2), keepdims=True)
-    return replace(matches, ends=np.where(seen, straight, matches.ends))
+    has_rays = np.isfinite(straight).all(axis=(1, 2), keepdims=True)
+    return replace(matches, ends=np.where(has_rays, straight, matches.ends))
 
 
 def degenerate_geometry(matches: SmearMatches, refusal: Refusal) -> TwoViewGeometry:
@@ -286,8 +286,8 @@ def inliers_and_chance(
     Inliers are nearer than `EstimatorOptions.tolerance_px`; the share by chance is that of the same smears
     turned to evenly spread directions.
     """
-    of_field = isinstance(model, HomographyFit)
-    sigma_px = SAMPSON_SHARE * np.hypot(*smears.field_sigmas_px) if of_field else smears.sigma_px
+    is_field = isinstance(model, HomographyFit)
+    sigma_px = SAMPSON_SHARE * np.hypot(*smears.field_sigmas_px) if is_field else smears.sigma_px
     tolerance = options.tolerance_px(smears.matches.length_px, sigma_px)
 
     def fitting(smears: NormalisedSmears) -> NDArray[np.bool_]:

@@ -191,14 +191,14 @@ class DirectionLikelihood:
         along, across = unit_lines(directions.astype(np.float32), middle)  # (G, 2, N)
         rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
         outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
-        wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
+        target = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
         own = some.field_sigmas_px[1] / (length * some.unit_px)
         # error across over length, with what `NoiseModel.sampson_px` adds
         share = np.hypot(own, some.matches.shared.added_sampson).astype(np.float32)
-        rotations, missed = reweighted_motion(
-            rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
+        rotations, residuals = reweighted_motion(
+            rows[:, :, None], target[:, None], steps=c.GRID_STEPS, scale=lambda _: share
         )
-        data = (c.FREEDOM + 1) * np.log1p((missed / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
+        data = (c.FREEDOM + 1) * np.log1p((residuals / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
         prior_cost = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
         return rotations.astype(float), self.smears.effective_count * data + prior_cost, outwards
 
@@ -216,11 +216,11 @@ class DirectionLikelihood:
         No two translations are closer than GRID_APART allows.
         """
         directions, rotations, costs, _ = self.grid
-        kept: list[int] = []
+        chosen: list[int] = []
         for index in np.argsort(costs):
-            if len(kept) < count and (np.abs(directions[kept] @ directions[index]) < c.GRID_APART).all():
-                kept.append(int(index))
-        return [(rotations[index], directions[index]) for index in kept]
+            if len(chosen) < count and (np.abs(directions[chosen] @ directions[index]) < c.GRID_APART).all():
+                chosen.append(int(index))
+        return [(rotations[index], directions[index]) for index in chosen]
 
 
 def search_and_fit(

@@ -144,7 +144,7 @@ class HomographyFit:
         data = self.likelihood.smears.effective_share * float(self.costs.sum())
         return -0.5 * (data + self.prior_cost)
 
-    def gain_of_parallax(self, F: Array) -> float:
+    def parallax_gain(self, F: Array) -> float:
         """Return the log-likelihood that parallax along the lines of F (3, 3) gains over the field alone.
 
         The displacement along the lines is a mixture of distributions of several widths (`PARALLAX_WIDTHS`,
@@ -168,8 +168,8 @@ class HomographyFit:
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the field's parameters, then of slowly varying errors."""
         likelihood = self.likelihood
-        moved = self.family.derivatives(likelihood.velocities, likelihood.smears.middle)
-        jacobian = np.concatenate([moved, self.sign * likelihood.slow_errors])
+        field_derivatives = self.family.derivatives(likelihood.velocities, likelihood.smears.middle)
+        jacobian = np.concatenate([field_derivatives, self.sign * likelihood.slow_errors])
         jacobian = jacobian.reshape(len(jacobian), -1)
         squared = (self.residual**2).sum(axis=0)
         weight = np.sqrt(likelihood.smears.effective_share * (FREEDOM + 2) / (FREEDOM + squared))
@@ -213,8 +213,8 @@ def find_plane(likelihood: FieldLikelihood, rotation: Array, *orders: NDArray[np
     """
     smears = likelihood.smears
     basis, scale = velocity_basis(smears.middle), ACROSS_SHARE * smears.sigma
-    signed = [np.where(backward, -1.0, 1.0) * smears.displacement.T for backward in orders]
-    linear = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
+    ordered = [np.where(backward, -1.0, 1.0) * smears.displacement.T for backward in orders]
+    linear = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in ordered]
     starts = (HomographyFlow.plane(start, smears.prior_sigma) for start in (*linear, rotation))
     return fit_homography(likelihood, *starts, steps=2 * c.FIELD_STEPS)
 

@@ -65,10 +65,10 @@ def levenberg_marquardt(
         else:
             return
         damping = max(damping / 10, MIN_DAMPING)
-        little = point.cost - trial.cost <= tolerance * trial.cost
+        converged = point.cost - trial.cost <= tolerance * trial.cost
         point = trial
         yield point
-        if little or delta @ normal @ delta < min_step**2:
+        if converged or delta @ normal @ delta < min_step**2:
             return
 
 
@@ -117,12 +117,12 @@ def reweighted_motion(
     column = flow.reshape(*flow.shape[:-2], -1, 1)  # (..., d N, 1)
 
     def lengths(motion: AnyArray) -> AnyArray:
-        missed = (motion[..., None, :] @ flat).reshape(flow.shape) - flow
-        alone = flow.shape[-2] == 1
-        return np.asarray(np.abs(missed[..., 0, :]) if alone else np.linalg.norm(missed, axis=-2))
+        residuals = (motion[..., None, :] @ flat).reshape(flow.shape) - flow
+        scalar = flow.shape[-2] == 1
+        return np.asarray(np.abs(residuals[..., 0, :]) if scalar else np.linalg.norm(residuals, axis=-2))
 
-    def weights(missed: AnyArray) -> AnyArray:  # 1 / scale^2 where residuals are zero
-        return np.asarray(1 / (np.asarray(scale(missed)) ** 2 + missed**2))
+    def weights(residuals: AnyArray) -> AnyArray:  # 1 / scale^2 where residuals are zero
+        return np.asarray(1 / (np.asarray(scale(residuals)) ** 2 + residuals**2))
 
     weight: AnyArray = np.ones((*rows.shape[:-3], rows.shape[-1]), rows.dtype)
     if start is not None:
@@ -133,6 +133,6 @@ def reweighted_motion(
         ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + TINY
         damped = normal + ridge[..., None] * np.eye(ridge.shape[-1])
         motion = np.linalg.solve(damped, weighted @ column)[..., 0].astype(rows.dtype)
-        missed = lengths(motion)
-        weight = weights(missed)
-    return motion, missed
+        residuals = lengths(motion)
+        weight = weights(residuals)
+    return motion, residuals

@@ -233,12 +233,12 @@ class NormalisedSmears:
         (`constants.DEPTH_TRUST`).
         """
         smear, flow = self._depths
-        moved, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
+        smeared, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
         x, y = self.middle.T
         length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
         along = np.hypot(ACROSS_SHARE * self.sigma_px, c.LENGTH_ERROR * self.matches.length_px) / self.unit_px
         scale = sign * PROBIT_AS_LOGIT / (length * along)
-        against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MAX_LOG_ODDS)
+        against = np.minimum(np.stack([turned - smeared, turned + smeared]) * scale, MAX_LOG_ODDS)
         feasible = 1 / (1 + np.exp(against))
         odds = feasible * (np.maximum(*feasible) / np.add(*feasible))
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)

@@ -73,8 +73,8 @@ class FundamentalManifold:
 
     def tangent(self) -> Array:
         """Return the derivatives of F in the eight parameters, (8, 3, 3)."""
-        turned = cross_matrix(self.t) @ GENERATORS @ self.R
-        dE = np.concatenate([cross_matrix(plane_basis(self.t)) @ self.R, turned])
+        rotation_derivatives = cross_matrix(self.t) @ GENERATORS @ self.R
+        dE = np.concatenate([cross_matrix(plane_basis(self.t)) @ self.R, rotation_derivatives])
         F, change = self.matrix(), intrinsic_changes(self.intrinsics)
         by_intrinsics = -(np.swapaxes(change, 1, 2) @ F + F @ change)
         return np.concatenate([self.inverse.T @ dE @ self.inverse, by_intrinsics])
@@ -161,8 +161,8 @@ class HomographyFlow:
     def weight(self) -> Array:
         """One over the prior's standard deviations, (k,); a plane's entries have no prior."""
         weight = 1 / np.maximum(self.prior_sigma, MIN_SIGMA)
-        of_middle = weight if self.turns else np.zeros(8)
-        return np.append(of_middle, weight[: len(self.change)] / ROLLING_SPREAD)
+        middle_weight = weight if self.turns else np.zeros(8)
+        return np.append(middle_weight, weight[: len(self.change)] / ROLLING_SPREAD)
 
     def rolling(self, axis: int) -> HomographyFlow:
         """Return the same field with a change down the rows, now zero, that a fit may alter."""
@@ -189,10 +189,10 @@ class HomographyFlow:
 
     def displacement(self, points: Array) -> Array:
         """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
-        moved = chords(self.generator(), points)
+        displacement = chords(self.generator(), points)
         if len(self.change):
-            moved = moved + points[:, [self.axis]] * chords(cross_matrix(self.change), points)
-        return moved
+            displacement = displacement + points[:, [self.axis]] * chords(cross_matrix(self.change), points)
+        return displacement
 
     def derivatives(self, basis: Array, points: Array) -> Array:
         """Return the derivatives (k, 2, N) of displacements at points (N, 2), to first order.

@@ -88,8 +88,8 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Mo
     total = np.zeros(len(models))
     while len(models) > SURVIVORS and start < len(order):
         total = total + estimator.score(models, order[start : start + size])
-        kept = np.argsort(total, kind="stable")[: max(SURVIVORS, len(models) // GROWTH)]
-        models, total = models[kept], total[kept]
+        survivors = np.argsort(total, kind="stable")[: max(SURVIVORS, len(models) // GROWTH)]
+        models, total = models[survivors], total[survivors]
         start, size = start + size, size * GROWTH
     return models[:SURVIVORS]
 

@@ -21,7 +21,7 @@ HEAVY = ["argcomplete", "scipy", "skimage", "onnxruntime", "pycolmap"]
 def test_options_are_read_on_both_sides_of_photographs_and_wrong_ones_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    parser = cli.parser_of("estimate")
+    parser = cli.command_parser("estimate")
     options = parser.read(["a", "--seed", "7", "-v", "b", "--", "-c", "-o.jpg"])
     reading, estimating = Reading(images=["a", "b", "./-c", "./-o.jpg"]), Estimating(seed=7)
     printing = Printing(verbose=True)
@@ -70,7 +70,7 @@ def test_short_help_names_only_options_that_it_lists_in_one_piece_with_their_def
 ) -> None:
     monkeypatch.setenv("COLUMNS", "61")
     whole, text = (call_program(capsys, command, word).out for word in ("--help-all", "--help"))
-    options = set(cli.parser_of(command)._option_string_actions)
+    options = set(cli.command_parser(command)._option_string_actions)
     named = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", whole.partition("examples:")[0]))
     assert {name for name in named if name.endswith("-")} == set()
     text = text.partition("examples:")[0]

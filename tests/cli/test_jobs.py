@@ -15,10 +15,10 @@ import pytest
 
 from blur2view.cli import jobs, run
 from blur2view.cli.executors import Shared, as_it_is
-from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_of
+from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_in_time
 from blur2view.errors import ImageError
 from blur2view.exposure import sequence
-from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, features_of
+from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, extract_features
 from blur2view.images import inputs
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
@@ -92,12 +92,12 @@ def test_processes_run_no_module_of_the_current_folder(here: Path) -> None:
 def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> None:
     names = ("a/1.png", "a/2.png", "b/1.png")
     first, second, elsewhere = stills = [Source(path=Path(name)) for name in names]
-    assert neighbours_of(stills, True) == [((1, second),), ((-1, first),), ()]
-    assert neighbours_of([elsewhere, first, second], True) == [(), ((1, second),), ((-1, first),)]
-    assert neighbours_of(stills, None) == [(), (), ()]
+    assert neighbours_in_time(stills, True) == [((1, second),), ((-1, first),), ()]
+    assert neighbours_in_time([elsewhere, first, second], True) == [(), ((1, second),), ((-1, first),)]
+    assert neighbours_in_time(stills, None) == [(), (), ()]
     frames = [Source(path=Path("v.mp4"), frame=frame) for frame in (0, 5)]
-    steps = [[(steps, one.frame) for steps, one in near] for near in neighbours_of(frames, None)]
-    assert steps == [[(1, 1)], [(-1, 4), (1, 6)]] and neighbours_of(frames, False) == [(), ()]
+    steps = [[(steps, one.frame) for steps, one in near] for near in neighbours_in_time(frames, None)]
+    assert steps == [[(1, 1)], [(-1, 4), (1, 6)]] and neighbours_in_time(frames, False) == [(), ()]
 
 
 @pytest.mark.parametrize("count", [1, 4])
@@ -115,20 +115,20 @@ def test_each_frame_of_a_video_is_read_and_described_once_and_each_pair_matched_
 
         monkeypatch.setattr(module, name, note)
 
-    counted(run, "features_of")
+    counted(run, "extract_features")
     counted(sequence, "match_features")
     counted(inputs, "read_frame")
     monkeypatch.setattr(jobs, "processes", ThreadPoolExecutor)  # processes would count by themselves
     monkeypatch.setattr(jobs, "Shared", as_it_is)
     assert call("estimate", write_video(tmp_path / "clip.mp4", 12), "--jobs", count, "-q") == 0
-    assert asked["features_of"] == 12 and asked["match_features"] == 11
+    assert asked["extract_features"] == 12 and asked["match_features"] == 11
     assert asked["read_frame"] <= 14  # with those that would be behind the last
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere contents go through a pipe")
 def test_a_frame_of_720p_costs_a_pipe_less_than_a_megabyte() -> None:
     noise = np.random.default_rng(0).random((360, 640, 3), np.float32).repeat(2, 0).repeat(2, 1)
-    features = features_of(noise)
+    features = extract_features(noise)
     content = np.ascontiguousarray(255 * noise, np.uint8).tobytes()
     shared = Shared(content)
     sent = pickle.dumps(shared)

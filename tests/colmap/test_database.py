@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera import Camera
-from blur2view.colmap.database import colmap_camera_of, write_database
+from blur2view.colmap.database import to_colmap_camera, write_database
 from blur2view.colmap.project import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -76,7 +76,7 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
 
 def test_cameras_say_how_sure_they_are() -> None:
     def stored(camera: Camera | None) -> tuple[str, list[float], bool]:
-        one = colmap_camera_of(camera, SIZE)
+        one = to_colmap_camera(camera, SIZE)
         assert (one.width, one.height) == SIZE
         return one.model_name, one.params.tolist(), one.has_prior_focal_length
 

@@ -19,8 +19,8 @@ from blur2view.colmap.models import (
     PROJECT_FILE,
     RECORDS,
     find_model,
-    ids_of,
     noted,
+    read_ids,
     read_model,
     refuse_other_model,
     write_model,
@@ -151,11 +151,11 @@ def test_a_damaged_model_beside_a_whole_one_is_passed_over(model: Path, tmp_path
 
 def test_ids_are_numbers_that_colmap_can_hold(model: Path, tmp_path: Path) -> None:
     walk = tmp_path / "walk.db"
-    assert ids_of(walk).frames == {"a.jpg": 1, "b.jpg": 2, "a.jpg#open": 3}
+    assert read_ids(walk).frames == {"a.jpg": 1, "b.jpg": 2, "a.jpg#open": 3}
     with closing(sqlite3.connect(walk)) as database:
         database.execute("UPDATE frame_data SET frame_id = 4294967307 WHERE data_id = 1")
         database.commit()
-    assert ids_of(walk).frames == {"b.jpg": 2, "a.jpg#open": 3}
+    assert read_ids(walk).frames == {"b.jpg": 2, "a.jpg#open": 3}
 
 
 KILLED = """

@@ -27,7 +27,7 @@ from blur2view.colmap.frame_sequence import (
     RecoveredFrame,
     weighted_mean,
 )
-from blur2view.colmap.models import observed, photographs_of
+from blur2view.colmap.models import observed, registered_images
 from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
 from blur2view.errors import DatabaseError, OutputError, RunError
@@ -288,7 +288,7 @@ def test_colmap_goes_on_with_the_model_and_its_database(tmp_path: Path, network:
 
 def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: ExactSmears) -> None:
     refined = recover(folder, network, refine=True).model
-    for image in photographs_of(refined).values():
+    for image in registered_images(refined).values():
         k = PLANE.names.index(image.name)
         degrees, _ = apart(image.cam_from_world().matrix(), PLANE.pose(k))
         assert degrees < (0.3 if k in MISSING else 1e-9)

@@ -15,7 +15,7 @@ from blur2view.exposure.sequence import (
     GAP_FRAMES,
     PictureMotion,
     directed,
-    features_of,
+    extract_features,
     frame_times,
     match_features,
     picture_motion,
@@ -151,7 +151,7 @@ def texture(size: tuple[int, int], seed: int = 0) -> np.ndarray:
 
 def detect(grey: np.ndarray) -> tuple[Array, np.ndarray]:
     """Return the features of a grey picture (H, W) uint8."""
-    return features_of(np.repeat(grey[..., None] / np.float32(255), 3, axis=2))
+    return extract_features(np.repeat(grey[..., None] / np.float32(255), 3, axis=2))
 
 
 def test_matches_of_a_shifted_picture_are_its_shift() -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from skimage import data
 
 from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, MotionMask, regions_of
+from blur2view.movers.mask import MotionLabel, MotionMask, connected_regions
 from blur2view.movers.moving import Moving
 from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.results import overlay
@@ -153,7 +153,7 @@ def test_parts_are_described_by_their_own_pixels() -> None:
     moving[20:28, 10:30] = True
     probability = np.where(moving, 0.5, 0.0).astype(np.float32)
     probability[20:28, 10:20] = 0.9
-    large, small = regions_of(moving, probability)
+    large, small = connected_regions(moving, probability)
     assert (large.area_px, small.area_px) == (160, 7)
     assert (large.box, small.box) == ((10, 20, 20, 8), (3, 2, 5, 3))
     assert large.probability == pytest.approx(0.7) and small.probability == pytest.approx(0.5)

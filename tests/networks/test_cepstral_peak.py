@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.octaves import octaves
-from blur2view.networks.spectra import polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import polar_cepstra, power_spectra, sliding_windows
 from blur2view.smears.grid import from_double_angle, to_double_angle
 
 Floats = NDArray[np.float32]
@@ -30,7 +30,7 @@ def blurred(length_px: float, angle_deg: float, seed: int = 0) -> Floats:
 
 def refined(cells: Floats, picture: Floats, count: int = 1) -> Floats:
     """Return smears refined on so many octaves of a picture."""
-    spectra = [power_spectra(windows_of(one)) for _, one in octaves(picture, count)]
+    spectra = [power_spectra(sliding_windows(one)) for _, one in octaves(picture, count)]
     return refine_on_cepstrum(cells, spectra[::-1])
 
 
@@ -120,6 +120,6 @@ def test_cepstra_of_a_mirrored_window_are_mirrored() -> None:
 
 def test_windows_are_centred_on_their_cells() -> None:
     x, y = np.meshgrid(np.arange(256.0), np.arange(224.0))
-    middles = [windows_of(one)[1:-1, 1:-1].mean((2, 3)) for one in (x, y)]
+    middles = [sliding_windows(one)[1:-1, 1:-1].mean((2, 3)) for one in (x, y)]
     expected = np.meshgrid(32 * np.arange(1, 7) + 15.5, 32 * np.arange(1, 6) + 15.5)
     np.testing.assert_allclose(middles, expected)

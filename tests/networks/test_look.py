@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.networks.look import CELLS, first_octave, stride_of
+from blur2view.networks.look import CELLS, first_octave, window_stride
 from blur2view.networks.octaves import UNSEEN_SIGMA_PX
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from tests.networks.test_smear_network import smeared_photograph
@@ -16,7 +16,7 @@ SIZES = (480, 640), (640, 416), (1080, 1920), (2160, 3840), (3000, 4000), (300, 
 
 @pytest.mark.parametrize(("height", "width"), SIZES)
 def test_windows_are_as_many_for_every_size(height: int, width: int) -> None:
-    stride = stride_of(height, width)
+    stride = window_stride(height, width)
     cells = -(-height // stride) * -(-width // stride)
     assert 0 < cells <= 1.3 * CELLS
     assert cells >= 0.7 * CELLS or stride == 32

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.results.record import Record
-from blur2view.results.verdict import use_of
+from blur2view.results.verdict import decide_use
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 MOVED = Record(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
@@ -78,5 +78,5 @@ USES = {
 @pytest.mark.parametrize("use", USES)
 def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
     for one in USES[use]:
-        assert use_of(one) == use
+        assert decide_use(one) == use
     assert moved("UNCALIBRATED", F=F).with_use(10.0).use == "sharp"  # 9 px are within that limit

@@ -10,7 +10,7 @@ from blur2view.arrays import AnyArray, Floats
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.blur import Blur, BlurKind
-from blur2view.smears.blur_map import BlurLabel, blur_map, shares_of_labels
+from blur2view.smears.blur_map import BlurLabel, blur_map, label_shares
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.kernels import blur_kernels, disc, motion_kernels
 
@@ -103,7 +103,7 @@ def test_map_tells_a_sharp_half_from_a_smeared_and_a_soft_one(sharp: Floats) -> 
     thirds = [labels[:, 48 + 480 * k : 480 * (k + 1) - 48] for k in range(3)]
     for third, label in zip(thirds, (BlurLabel.SMEARED, BlurLabel.SHARP, BlurLabel.SOFT), strict=True):
         assert (third == label).mean() > 0.9
-    assert sum(shares_of_labels(labels).values()) == pytest.approx(1)
+    assert sum(label_shares(labels).values()) == pytest.approx(1)
 
 
 def test_kernel_leaves_out_what_a_longer_smear_covers_beyond_it() -> None:

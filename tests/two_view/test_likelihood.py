@@ -36,7 +36,7 @@ def plane_of(A: Array, likelihood: NormalisedSmears) -> HomographyFit:
 
 
 def gain(A: Array, F: Array, ends: Array) -> float:
-    return plane_of(A, normalised_smears(ends, NOISE)).gain_of_parallax(F)
+    return plane_of(A, normalised_smears(ends, NOISE)).parallax_gain(F)
 
 
 def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:

@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from blur2view.arrays import AnyArray as Array
-from blur2view.images.pixels import floats_of, gain_of, rgb_of
+from blur2view.images.pixels import as_floats, as_rgb, brightness_gain
 from blur2view.movers.moving import (
     BLOCK_PX,
     LEFT,
@@ -33,7 +33,7 @@ from blur2view.movers.moving import (
     over_cells,
 )
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, sliding_windows
 from tools.metrics import epe_s
 from tools.rendering import textures
 from tools.rendering.layer_scenes import KINDS, LayerScene, Sources, layer_scene, silhouettes
@@ -152,7 +152,7 @@ def smear_example(rng: np.random.Generator, scene: LayerScene) -> Example:
     valid, total = scene.share > SURFACE, np.hypot(scene.radius_px, spread)
     row: Example = {}
     for k in range(2 + round(math.log2(shown.shape[1] / SMALLEST[0]))):
-        cepstra, scales = polar_cepstra(power_spectra(windows_of(shown)))
+        cepstra, scales = polar_cepstra(power_spectra(sliding_windows(shown)))
         clipped = clipped_shares(torch.from_numpy(shown)[None, None])[0].numpy()
         side = STEP // BLOCK_PX * 2**k
         d, v, r = (cells_of(each, side) for each in (scene.displacement / 2**k, valid, total / 2**k))
@@ -174,7 +174,7 @@ def photographed(rng: np.random.Generator, linear: Array) -> tuple[Array, Array,
     is_dim = rng.random() < DIM_SHARE
     levels = 255 / math.exp(rng.uniform(math.log(2), math.log(MAX_DIMMING))) if is_dim else 255
     image, smooth = (np.round(each * (levels / 255)) / np.float32(255) for each in (image, smooth))
-    gain = gain_of(np.asarray(image, np.float32))
+    gain = brightness_gain(np.asarray(image, np.float32))
     shown = np.minimum(np.asarray(image, np.float32) * np.float32(gain), 1)
     noise = np.asarray(smooth @ LUMA * np.float32(gain), np.float32)
     noise += np.float32(gain / 255 / 12**0.5) * rng.standard_normal(noise.shape, dtype=np.float32)
@@ -233,7 +233,7 @@ def mover_example(
     truth = {"moving": moving, "kind": np.array(KINDS.index(scene.kind))}
     if which == "unet":
         return truth | {
-            "image": channels_first(floats_of(image, gain_of(image))),
+            "image": channels_first(as_floats(image, brightness_gain(image))),
             "cells": channels_first(cell_values(grid)),
             "displacement": channels_first(scene.displacement),
             "share": scene.share,
@@ -243,7 +243,7 @@ def mover_example(
     motion = camera_field(grid, 1 - left_out * over_cells(moving, grid.cells.shape), rng)
     error = epe_s(np.kron(grid.smears().displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "blocks": channels_first(block_evidence(*block_gradients(rgb_of(image)), grid, motion)),
+        "blocks": channels_first(block_evidence(*block_gradients(as_rgb(image)), grid, motion)),
         "cells": channels_first(cell_evidence(grid, motion)),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }

@@ -24,7 +24,7 @@ from blur2view.arrays import AnyArray
 from blur2view.images.pixels import BRIGHT
 from blur2view.movers.moving import BLOCK_PX, CELL_VALUES
 from blur2view.networks.model_file import MOVERS, SMEAR, UNET, NetworkFormat
-from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, sliding_windows
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.command import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
@@ -193,7 +193,7 @@ def sample_picture() -> Tensor:
 
 def smear_inputs(network: Reader, grey: Tensor) -> Inputs:
     """Return the inputs of the octave of a picture (1, 1, H, W), with random features of the smaller one."""
-    read = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
+    read = polar_cepstra(power_spectra(sliding_windows(grey[0, 0].numpy())))
     cepstra, scales = (torch.from_numpy(one)[None] for one in read)
     coarser = torch.rand(*scales.shape[:3], DIRECTIONS, network.options.region)
     return dict(zip(SMEAR.inputs, (grey, cepstra, scales, coarser), strict=True))
