@@ -106,22 +106,22 @@ class Length:
     """A length in a photograph."""
 
     value: float
-    is_percent: bool = False  # per cent of the photograph's width, otherwise pixels
+    of_width: bool = False  # per cent of the photograph's width, otherwise pixels
 
     def px(self, width: int) -> float:
         """Return the length in pixels, in a photograph of this width."""
-        return self.value / 100 * width if self.is_percent else self.value
+        return self.value / 100 * width if self.of_width else self.value
 
     def __str__(self) -> str:
         """Return it as the user states it."""
-        return f"{self.value:g}{'%' if self.is_percent else ''}"
+        return f"{self.value:g}{'%' if self.of_width else ''}"
 
 
 def length(text: str) -> Length:
     """Return a length in pixels, or as 0.3% of the width; 0 is one."""
     expected = "pixels as 3, or per cent of the width as 0.3%"
     value = quantity(expected, lambda *_: True, **{"px": 1.0, "%": 1.0})(text)
-    return Length(value, is_percent=text.endswith("%"))
+    return Length(value, of_width=text.endswith("%"))
 
 
 def frame_or_seconds(text: str) -> int | float:

@@ -130,7 +130,7 @@ class ToTransformsOptions:
             and photograph.smear_px <= limit.px(model.cameras[photograph.image.camera_id].width)
         ]
         if not kept:
-            unit = "of the width" if limit.is_percent else "px"
+            unit = "of the width" if limit.of_width else "px"
             raise DatabaseError(f"{self.model}: all smears are longer than {limit} {unit}; raise --max-smear")
         return kept
 

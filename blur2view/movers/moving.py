@@ -282,9 +282,8 @@ def cell_values(grid: SmearGrid) -> Floats:
 def cell_evidence(grid: SmearGrid, camera: Array) -> Floats:
     """Return how the smears of a grid's cells differ from the camera's motion (h, w, 2), pixels.
 
-    Values (h, w, 16): eleven of lengths, directions and deviations, most of them logarithms, and the
-    probabilities of `KINDS`. With the double-angle vectors u of the smear and v of the camera's motion as
-    complex numbers, (u - v) / v, shortened where both are short, is how they differ along v and across it.
+    Values (h, w, 16), most of them logarithms; u and v are the double-angle vectors of smear and camera as
+    complex numbers, (u - v) / v is the difference along v and across it, made small where both are short.
     """
     assert grid.blur is not None
     smears, sigma_px, error = _smears(grid)

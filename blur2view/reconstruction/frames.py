@@ -32,7 +32,7 @@ class Frame(NamedTuple):
     moved: float  # of the picture since the frame before, of its longer side
 
 
-def named_sources(video: Path) -> list[tuple[str, Source]]:
+def list_frames(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
     inputs = list_photographs([str(video)], recursive=True).readable()
     if inputs.one_video:

@@ -46,14 +46,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
 from blur2view.reconstruction import mapping
-from blur2view.reconstruction.frames import (
-    Frame,
-    chosen,
-    colmap_content,
-    looked_at,
-    named_sources,
-    stored_size,
-)
+from blur2view.reconstruction.frames import Frame, chosen, colmap_content, list_frames, looked_at, stored_size
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -149,7 +142,7 @@ def reconstruct(
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
         raise OutputError(f"{folder}: lies in the folder of the frames; name another folder with -o")
-    listed = dict(named_sources(video))
+    listed = dict(list_frames(video))
     if options.camera:  # which is checked before anything is written
         options.for_colmap(stored_size(next(iter(listed.values()))))
     writable_folder(folder)

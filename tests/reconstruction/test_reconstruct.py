@@ -33,7 +33,7 @@ from blur2view.images.image import read_image, read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import mapping, masks
-from blur2view.reconstruction.frames import Frame, chosen, colmap_content, named_sources, plain_names
+from blur2view.reconstruction.frames import Frame, chosen, colmap_content, list_frames, plain_names
 from blur2view.reconstruction.masks import MASKS, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
@@ -167,7 +167,7 @@ def test_frames_that_colmap_does_not_read_become_png(tmp_path: Path) -> None:
     picture = PLANE.render(0)
     for name in ("a.webp", "b.PNG", "c.jp2"):
         Image.fromarray(picture).save(tmp_path / name, lossless=True)
-    found = named_sources(tmp_path)
+    found = list_frames(tmp_path)
     assert [name for name, _ in found] == ["a.png", "b.PNG", "c.png"]
     first = read_image("a.png", content=colmap_content(found[0][1]))
     assert np.array_equal(np.rint(255 * first), picture)
@@ -178,9 +178,9 @@ def test_an_animated_gif_is_a_video_and_a_folder_of_videos_is_none(tmp_path: Pat
     first, second = (Image.fromarray(PLANE.render(k)) for k in (0, 1))
     first.save(tmp_path / "a.gif", save_all=True, append_images=[second])
     shutil.copy(tmp_path / "a.gif", tmp_path / "b.gif")
-    assert [name for name, _ in named_sources(tmp_path / "a.gif")] == ["frame_00000.png", "frame_00001.png"]
+    assert [name for name, _ in list_frames(tmp_path / "a.gif")] == ["frame_00000.png", "frame_00001.png"]
     with pytest.raises(ImageError, match="is a folder of videos; name one of them"):
-        named_sources(tmp_path)
+        list_frames(tmp_path)
 
 
 def test_a_video_is_digested_once_in_a_folder_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +190,7 @@ def test_a_video_is_digested_once_in_a_folder_too(tmp_path: Path, monkeypatch: p
     read = list[Path]()
     monkeypatch.setattr("blur2view.reconstruction.reconstruct.quick_digest", lambda path: read.append(path))
     network: Any = SimpleNamespace(model_id="")
-    assert _digest(dict(named_sources(tmp_path)), OPTIONS, network) and read == [tmp_path / "a.gif"]
+    assert _digest(dict(list_frames(tmp_path)), OPTIONS, network) and read == [tmp_path / "a.gif"]
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
