@@ -1,12 +1,18 @@
 """The program: ``blur2view`` and ``python -m blur2view``."""
 
+import atexit
 import os
 import sys
+import threading
 import warnings
 
 # MiB of address space, which `ulimit -v` may limit: no command works with less, and of 385 to 640 OpenBLAS or
 # the loader end the process without a line, or it hangs
 LEAST_MIB = 700
+INTERRUPTED = 130  # exit code
+# commands that read photographs by the network, and words with which they do not read them by the shipped one
+READERS = {"estimate", "segment", "to-colmap", "recover", "reconstruct", "report", "triage"}
+NOT_SHIPPED = "-h", "--help", "--model", "--provider"
 
 
 def address_space_mib() -> float:
@@ -39,18 +45,16 @@ def program() -> int:
                 file=sys.stderr,
             )
             return 1
+        begin_to_open_network(sys.argv[1:])
         from blur2view.cli.commands import main
-        from blur2view.cli.terminal import INTERRUPTED
 
         code = main()
-        if code == INTERRUPTED:  # a network may still run in its thread, and nobody waits for it
-            for stream in (sys.stdout, sys.stderr):
-                stream.flush()
-            os._exit(code)
+        if code == INTERRUPTED or all(one.daemon for one in threading.enumerate()[1:]):
+            leave(code)  # a network may still run in its thread, and nobody waits for it
         return code
     except KeyboardInterrupt:  # during an import
         print("blur2view: interrupted", file=sys.stderr)
-        return 130
+        return INTERRUPTED
     except (ImportError, MemoryError) as error:  # during an import as well; too little memory may cause it
         reason = " ".join(str(error).split()) or "too little memory"
         print(
@@ -58,6 +62,25 @@ def program() -> int:
             file=sys.stderr,
         )
         return 1
+
+
+def begin_to_open_network(words: list[str]) -> None:
+    """Open the shipped network in a thread, if a command line will ask for it, beside all other imports."""
+    if words and words[0] in READERS and not any(word.startswith(NOT_SHIPPED) for word in words):
+        import cv2  # noqa: F401  not in two threads at once: for an instant its import shows half of it
+
+        from blur2view.networks.ahead import open_ahead
+
+        open_ahead()
+
+
+def leave(code: int) -> None:
+    """End the process at once: to take down what its libraries hold would take a tenth of a second."""
+    if code != INTERRUPTED:
+        atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 """Files of networks: found, checked, opened and run by ONNX Runtime, beside one thread of other libraries."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ContextDecorator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from blur2view.files import read_regular
 
 MAX_FILE_BYTES = 1 << 28  # bound: the shipped networks have at most 10 MB
 BYTES_A_CORE = 1 << 29  # bound of their memory: a piece of a photograph takes half of it
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +175,19 @@ class OnnxNetwork:
         return [output[0] for output in outputs]
 
 
-@cache
+def once(function: Callable[..., T]) -> Callable[..., T]:
+    """Call a function once for the same arguments, also where several threads ask for its result."""
+    lock, known = Lock(), cache(function)
+
+    @wraps(function)
+    def result(*words: Any) -> T:
+        with lock:
+            return known(*words)
+
+    return result
+
+
+@once
 def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
     """Return the shipped network of a format, opened once."""
     return OnnxNetwork(form, execution=execution)
@@ -216,7 +229,7 @@ def _short(provider: str) -> str:
     return provider.lower().removesuffix("executionprovider")
 
 
-@cache
+@once
 def _onnxruntime() -> Any:
     """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME."""
     # read on import; disable_telemetry_events() comes too late: the device has its id by then (1.31)

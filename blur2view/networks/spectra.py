@@ -9,7 +9,6 @@ directions 0 to 45 degrees alone: a quarter of the products.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array, Floats
+from blur2view.networks.model_file import once
 from blur2view.smears.likelihood import DIRECTIONS, SHORTEST_PX
 
 Integers = NDArray[np.intp]
@@ -130,7 +130,7 @@ def sampled(logs: Floats, samples: Floats) -> Floats:
     return values
 
 
-@functools.cache
+@once
 def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     """Return the linear map from log spectra to polar samples, split by symmetry as in `sampled`.
 

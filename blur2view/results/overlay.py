@@ -3,15 +3,16 @@
 A layer is RGBA of 8 bits, its colours multiplied by its opacity, transparent where nothing is drawn.
 """
 
+import struct
+import zlib
 from functools import cache
-from io import BytesIO
 from textwrap import wrap
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
-from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.files import SIGNED_BY
@@ -32,7 +33,8 @@ _font = cache(ImageFont.load_default)  # Pillow's own: OpenCV 4 and 5 have diffe
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-_PNG_EFFORT = 1  # of 9: two thirds of the time of 3, for 5 % more bytes
+PNG_COLOURS = {2: 0, 3: 2, 4: 6}  # type of colour by channels: grey (H, W) has two axes
+UP = 2  # PNG's filter of a row: its difference from the row above
 _SHIFT = 4  # OpenCV draws with 1/16 px
 SMEAR_SPACING_PX = 26  # smallest side of a square with one smear: the photograph stays visible
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
@@ -98,7 +100,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
         key.append("white lines are epipolar lines, and rings are epipoles")
     config = f"COLMAP calls it {record.config}" if record.moved() else ""
     text = ". ".join(filter(None, (fit_line(record), config, "; ".join(key).capitalize())))
-    pale = cv2.transform(shown(as_photograph(image)), PALE)
+    pale = np.asarray(cv2.transform(shown(as_photograph(image)), PALE), np.uint8)
     return captioned(over(pale, lines, smears), record.verdict, text)
 
 
@@ -176,15 +178,20 @@ def shown(image: AnyArray) -> Picture:
     """Return the picture of a photograph (H, W, 3) or (H, W), uint8 RGB."""
     interpolation = cv2.INTER_AREA if picture_scale(image.shape) < 1 else cv2.INTER_LINEAR
     small = cv2.resize(image, picture_size(image.shape), interpolation=interpolation)
+    if small.dtype == np.uint8 and small.ndim == 3:
+        return np.asarray(small, np.uint8)
     return np.round(255 * np.clip(as_floats(small), 0, 1)).astype(np.uint8)
 
 
-def over(picture: AnyArray, *layers: Picture) -> Picture:
+def over(picture: Picture, *layers: Picture) -> Picture:
     """Return a picture (H, W, 3) under layers (H, W, 4), the last on top."""
+    pixels = picture.reshape(-1, 3).copy()
     for layer in layers:
-        through = 1 - layer[..., 3:] / np.float32(255)
-        picture = np.round(picture * through + layer[..., :3])
-    return picture.astype(np.uint8)
+        own = layer.reshape(-1, 4)
+        drawn = np.flatnonzero(own.view(np.uint32))
+        through = 1 - own[drawn, 3:] / np.float32(255)
+        pixels[drawn] = np.round(pixels[drawn] * through + own[drawn, :3])
+    return pixels.reshape(picture.shape)
 
 
 def smear_layer(estimate: Estimate) -> Picture:
@@ -195,11 +202,14 @@ def smear_layer(estimate: Estimate) -> Picture:
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # room for long smears
     spread = spread_subset(on_picture(matches.midpoint, shape), certainty, spacing)
     drawn = spread[certainty[spread] >= 1]
-    ends, colours = on_picture(matches.ends, shape), orientation_colours(matches.displacement)
-    for k in sorted(drawn, key=lambda k: bool(fits[k])):
-        if fits[k]:
-            draw_line(layer, ends[k], BLACK, thickness=4)
-        draw_line(layer, ends[k], colours[k] if fits[k] else FAINT, thickness=2)
+    drawn = drawn[np.argsort(fits[drawn], kind="stable")]
+    ends = fixed_point(on_picture(matches.ends[drawn], shape))
+    for own, fit, colour in zip(
+        ends, fits[drawn], orientation_colours(matches.displacement[drawn]), strict=True
+    ):
+        if fit:
+            draw_line(layer, own, opaque(BLACK), thickness=4)
+        draw_line(layer, own, opaque(colour if fit else FAINT), thickness=2)
     return layer
 
 
@@ -217,7 +227,8 @@ def line_layer(estimate: Estimate) -> Picture:
         a, b, c = line / max(np.hypot(*line[:2]), TINY)
         foot, along = -c * np.array([a, b]), np.array([-b, a])
         reach = (np.abs(foot).sum() + sum(shape)) * along
-        draw_line(layer, on_picture(np.stack([foot - reach, foot + reach]), shape), WHITE, 1, LINE_OPACITY)
+        ends = fixed_point(on_picture(np.stack([foot - reach, foot + reach]), shape))
+        draw_line(layer, ends, opaque(WHITE, LINE_OPACITY), thickness=1)
     for x, y, z in epipoles(F):
         epipole = np.array([x, y]) / (z if abs(z) > TINY else TINY)
         if (epipole >= -0.5).all() and (epipole < np.array(shape[::-1]) - 0.5).all():
@@ -271,10 +282,15 @@ def orientation_colours(displacement: Array) -> Picture:
     return np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB) if len(hsv) else hsv, np.uint8)[:, 0]
 
 
-def draw_line(layer: Picture, ends: Array, colour: ArrayLike, thickness: int, opacity: float = 1.0) -> None:
-    """Draw an anti-aliased line between sub-pixel ends (2, 2), clipped to the range of OpenCV's integers."""
-    start, end = np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int).tolist()
-    cv2.line(layer, start, end, opaque(colour, opacity), thickness, cv2.LINE_AA, _SHIFT)
+def fixed_point(ends: Array) -> list[Any]:
+    """Return sub-pixel ends (..., 2, 2) as lists of 1/16 px, clipped to the range of OpenCV's integers."""
+    return list(np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int).tolist())
+
+
+def draw_line(layer: Picture, ends: list[Any], colour: list[float], thickness: int) -> None:
+    """Draw an anti-aliased line of a colour (4,) between ends in `fixed_point`."""
+    start, end = ends
+    cv2.line(layer, start, end, colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
 def captioned(picture: Picture, head: str, text: str) -> Picture:
@@ -295,8 +311,26 @@ def captioned(picture: Picture, head: str, text: str) -> Picture:
 
 
 def png(picture: AnyArray) -> bytes:
-    """Return a picture as PNG, signed so that `files.is_ours` recognises it."""
-    text, stream = PngInfo(), BytesIO()
-    text.add_text("Software", SIGNED_BY)
-    Image.fromarray(picture).save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)
-    return stream.getvalue()
+    """Return a picture (H, W), (H, W, 3) or (H, W, 4), uint8, as PNG, signed for `files.is_ours`.
+
+    Of an overlay of 1280x779 pixels it takes 0.4 of the time of Pillow's lowest effort, and 3 % less bytes:
+    all rows have one filter, and only runs of one value are looked for.
+    """
+    height, width = picture.shape[:2]
+    rows = picture.reshape(height, -1)
+    filtered = np.empty((height, 1 + rows.shape[1]), np.uint8)
+    filtered[:, 0], filtered[0, 1:] = UP, rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    squeezed = zlib.compressobj(1, strategy=zlib.Z_RLE)
+    channels = picture.shape[2] if picture.ndim == 3 else 2
+    header = struct.pack(">IIBBBBB", width, height, 8, PNG_COLOURS[channels], 0, 0, 0)
+    chunks = {
+        b"IHDR": header,
+        b"tEXt": b"Software\0" + SIGNED_BY.encode(),
+        b"IDAT": squeezed.compress(filtered.data) + squeezed.flush(),
+        b"IEND": b"",
+    }
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        for name, content in chunks.items()
+    )

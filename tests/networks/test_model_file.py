@@ -3,7 +3,10 @@
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import cv2
 import numpy as np
@@ -19,6 +22,7 @@ from blur2view.networks.model_file import (
     NetworkFormat,
     OnnxNetwork,
     model_path,
+    once,
     one_thread,
     shipped,
 )
@@ -102,3 +106,21 @@ def test_threads_are_as_before_after_the_outermost_block_and_after_an_error() ->
         assert set(threads()) == {1}
         raise KeyError
     assert threads() == before
+
+
+def test_two_threads_that_ask_at_once_share_one_result() -> None:
+    asked, both = list[int](), Barrier(2)
+
+    @once
+    def made(number: int) -> object:
+        asked.append(number)
+        time.sleep(0.05)
+        return object()
+
+    def ask(number: int) -> object:
+        both.wait()
+        return made(number)
+
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(ask, [1, 1])
+    assert first is second and asked == [1]

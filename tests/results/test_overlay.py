@@ -1,14 +1,18 @@
 """The overlay: its parts are where the geometry says, at every size of photograph."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
+from blur2view.files import is_ours
 from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.pipeline import Estimate
-from blur2view.results.overlay import draw_overlay
+from blur2view.results.overlay import draw_overlay, png
 from blur2view.smears.camera_motion import blur_of
 from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
@@ -49,3 +53,14 @@ def test_epipolar_line_of_an_inlier_is_that_of_its_open_end_in_the_close_view(sw
     for column, row in zip(columns[inside], rows[inside], strict=True):
         assert picture[row - 1 : row + 2, column].max() > picture[2, 2].max() + 30
         assert (outlier[row, column] == outlier[2, 2]).all()  # no line
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (5, 7, 3), (5, 7, 4)])
+def test_png_holds_a_picture_as_it_is_and_is_signed(shape: tuple[int, ...], tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    (tmp_path / "a.png").write_bytes(png(picture))
+    with Image.open(tmp_path / "a.png") as read:
+        read.verify()  # also the checksums
+    with Image.open(tmp_path / "a.png") as read:
+        np.testing.assert_array_equal(np.asarray(read), picture)
+    assert is_ours(tmp_path / "a.png")
