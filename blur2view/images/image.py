@@ -107,7 +107,10 @@ class Picture:
     """A photograph that has been read, once: its pixels, and what its EXIF states."""
 
     pixels: AnyArray
-    """(H, W, 3) RGB, sRGB-coded: uint8 or uint16 as in the file; floats in [0, 1] where it had alpha."""
+    """(H, W, 3) RGB, sRGB-coded: uint8 or uint16 as in the file; floats in [0, 1] where it had alpha.
+
+    Of a grey photograph all three channels are the same memory, which cannot be written.
+    """
     exif: ExifValues = field(default_factory=ExifValues)
     """Focal length, exposure time and direction of the sensor's rows, as far as they are stated."""
     orientation: int = 1
@@ -144,7 +147,9 @@ def read_picture(
             raise ImageError(f"{path}: {error}; save it with 8 or 16 bits per channel") from None
         if upright == as_stored:
             values = (stored_from_upright if as_stored else upright_from_stored)(values, orientation)
-        pixels = np.ascontiguousarray(np.broadcast_to(np.atleast_3d(values), (*values.shape[:2], 3)))
+        pixels = np.ascontiguousarray(values)
+        if pixels.ndim == 2:
+            pixels = np.broadcast_to(pixels[..., None], (*pixels.shape, 3))
         return Picture(pixels=pixels, exif=exif, orientation=orientation)
 
 

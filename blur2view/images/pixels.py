@@ -11,6 +11,8 @@ BACKDROP = np.float32(0.5)
 """Grey behind transparent pixels: its edges against an unknown photograph are the weakest."""
 QUANTILE, BRIGHT, MAX_GAIN = 0.995, 0.9, 256.0
 """Quantile of a photograph's values that is brought to this brightness, and the largest factor; bounds."""
+STRIP_PIXELS = 1 << 18
+"""Pixels that are copied from Pillow at a time: of 1 << 14 to 20 the fastest."""
 MIN_SAMPLES = 1_000_000
 """Values, of a larger photograph, that the quantile is taken of; bound."""
 GRADIENT_SIDE_PX = 480
@@ -33,7 +35,7 @@ def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
     if isinstance(image, Image.Image):
         mode = "RGBA" if image.has_transparency_data else "L" if image.mode in ("1", "L") else "RGB"
         deep = image.mode.startswith("I")  # 16 bits in either order of bytes, those of PGM in 32 bits
-        image = np.asarray(image if deep or image.mode in (mode, "F") else image.convert(mode))
+        image = _array_of(image, None if deep or image.mode in (mode, "F") else mode)
         image = image.astype(np.uint16) if deep and 0 <= image.min() <= image.max() <= 65535 else image
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
@@ -49,7 +51,25 @@ def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
         image = over_backdrop(as_floats(image))
     if not integer:
         image = np.asarray(image, np.float32)
-    return image[..., 0] if image.shape[2:] == (1,) else image
+    grey = image.shape[2:] == (1,) or (image.ndim == 3 and image.strides[2] == 0)  # or of equal channels
+    return image[..., 0] if grey else image
+
+
+def _array_of(picture: Image.Image, mode: str | None) -> AnyArray:
+    """Return the pixels of a picture, converted to a mode if one is named.
+
+    Strips are converted and copied: all at once Pillow needs the memory twice more, and twice the time.
+    """
+    width, height = picture.size
+    rows = max(STRIP_PIXELS // width, 1)
+    array: AnyArray | None = None
+    for top in range(0, height, rows):
+        strip = picture.crop((0, top, width, min(top + rows, height)))
+        own = np.asarray(strip if mode is None else strip.convert(mode))
+        array = np.empty((height, *own.shape[1:]), own.dtype) if array is None else array
+        array[top : top + rows] = own
+    assert array is not None
+    return array
 
 
 def unusable_size(width: int, height: int) -> str:
