@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from blur2view.errors import OutputError
 
@@ -25,18 +25,24 @@ MAX_PIXELS = 105_000_000  # of a photograph, as medium-format sensors have; an e
 FORMATS = ("JPEG", "PNG", "BMP", "GIF", "PPM", "TIFF", "WEBP", "AVIF", "JPEG2000", "TGA")
 """What is read, by Pillow's names. Of the others PostScript would start a program, Ghostscript."""
 FORMATS_BY_EXTRAS = ("HEIF",)  # where pillow-heif has been registered
-SIGNED_BY = "blur2view"  # the PNG text "Software"
-SIGNATURES = (
-    b'"options_sha256": "',
-    b'"generator": "blur2view ',
-    b"smear_grid.npy",
-    b"blur_kernels.npy",
-    b"Software\0" + SIGNED_BY.encode(),
-    b'name="generator" content="blur2view ',
-    f"comment {SIGNED_BY}\n".encode(),
-    f"id,{SIGNED_BY}\n".encode(),
+SIGNED_BY = "blur2view"
+"""What signs a file; those who write PNG, HTML, PLY and Gyroflow's log put it where `SIGNATURES` says."""
+RECORD_KEY, GRID_KEY, KERNELS_KEY = "options_sha256", "smear_grid", "blur_kernels"
+"""Keys of a photograph's JSON and of two NPZ, by which they are known without a signature."""
+SIGNATURES = tuple(
+    text.encode()
+    for text in (
+        f'"{RECORD_KEY}": "',
+        f'"generator": "{SIGNED_BY} ',
+        f"{GRID_KEY}.npy",
+        f"{KERNELS_KEY}.npy",
+        f"Software\0{SIGNED_BY}",
+        f'name="generator" content="{SIGNED_BY} ',
+        f"comment {SIGNED_BY}\n",
+        f"id,{SIGNED_BY}\n",
+    )
 )
-"""What files hold that blur2view wrote: JSON (two), NPZ (two), PNG, HTML, PLY, Gyroflow's log."""
+"""What files hold that blur2view wrote: JSON (a record; `signed`), NPZ (two), PNG, HTML, PLY, Gyroflow."""
 NOTES = ".blur2view.sha256"  # of a folder: digests of what was written there and has no signature
 HALF = ".blur2view.tmp"  # how names of half-written files end
 LOCK_S, PAUSE_S = 10.0, 0.02  # bound of waiting for another call that writes in a folder, and between looks
@@ -56,12 +62,20 @@ def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
         raise OSError(errno.EINVAL, str(error)) from None
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    if stat.S_ISREG(status.st_mode):
-        file = open(path, "rb")  # noqa: SIM115  who called closes it
-        if status.st_size or not file.read(1):
-            return file
-        file.close()
+    if stat.S_ISREG(status.st_mode) and (status.st_size or _ends_at_once(path)):
+        return open(path, "rb")
     raise OSError(errno.EINVAL, "is not a regular file")
+
+
+def _ends_at_once(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is empty; a reader of /proc/kmsg would wait until the kernel says something."""
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        return not os.read(descriptor, 1)
+    except BlockingIOError:
+        return False
+    finally:
+        os.close(descriptor)
 
 
 def read_regular(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
@@ -203,6 +217,11 @@ def is_ours(path: Path) -> bool:
         start = file.read(SIGNATURE_BYTES)
         return any(signature in start for signature in SIGNATURES)
     return False
+
+
+def signed(content: Mapping[str, Any], writer: str) -> dict[str, Any]:
+    """Return the content of a JSON file with its signature first; ``writer`` is a version or a command."""
+    return {"generator": f"{SIGNED_BY} {writer}", **content}
 
 
 def writable_folder(folder: Path) -> Path:

@@ -1,29 +1,44 @@
 """Files: nothing is waited for, nothing without end is read; what a killed call leaves is replaced."""
 
 import errno
+import io
+import json
 import os
 import subprocess
 import sys
 import threading
 from pathlib import Path
 
+import numpy as np
+import pycolmap
 import pytest
 
 from blur2view.colmap.database import write_database
+from blur2view.colmap.transforms import point_cloud
 from blur2view.errors import OutputError
 from blur2view.files import (
+    SIGNATURES,
     check_file,
     half_written,
+    is_ours,
     locked,
     note,
     open_regular,
     read_regular,
+    signed,
     unwritable,
     writable_folder,
     write_file,
 )
+from blur2view.results.gyroflow import gyroflow_log
+from blur2view.results.overlay import png
+from blur2view.results.page import page
+from blur2view.results.record import Record
+from blur2view.smears.grid import stored_smears
+from blur2view.smears.kernels import BlurKernels
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
+from tests.support.grids import grid_of
 
 LINUX = Path("/proc/self/mem").exists()
 
@@ -98,6 +113,41 @@ def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends
     holder.stdout.close()
     writer.join()
     assert (tmp_path / "a").read_bytes() == b"whole"
+
+
+def written_content() -> dict[str, bytes]:
+    """Return what every writer of signed files writes, by the name of the format."""
+    timed = Record(
+        name="a", blur="camera moved", timestamp_s=1, exposure_s=1, time_known=True, wx=1, wy=0, wz=0
+    )
+    one = np.ones((1, 1), np.float32)
+    kernels = BlurKernels(whole=one, cells=one[None, None].astype(np.float16), known=one > 0, stride=32)
+    smears = io.BytesIO()
+    np.savez(smears, allow_pickle=False, **stored_smears(grid_of(np.ones((2, 2, 2)))))
+    return {
+        "record": timed.to_json().encode(),
+        "JSON": json.dumps(signed({"frames": []}, "1"), indent=2).encode(),
+        "notes of recover": json.dumps(signed({"call_sha256": ""}, "recover")).encode(),
+        "smears": smears.getvalue(),
+        "kernels": kernels.to_npz(),
+        "PNG": png(np.zeros((2, 2, 3), np.uint8)),
+        "HTML": page("title", "", style="", version="1"),
+        "PLY": point_cloud(pycolmap.Reconstruction()),
+        "Gyroflow": gyroflow_log([timed], "a.mp4").encode(),
+    }
+
+
+@pytest.mark.parametrize("kind", written_content())
+def test_what_each_writer_writes_is_ours_and_replaced_and_a_copy_without_its_mark_is_not(
+    kind: str, tmp_path: Path
+) -> None:
+    content, path = written_content()[kind], tmp_path / "a"
+    path.write_bytes(content)
+    assert is_ours(path)
+    (mark,) = {mark for mark in SIGNATURES if mark in content}
+    path.write_bytes(content.replace(mark, mark[::-1]))
+    with pytest.raises(OutputError, match="was not written by blur2view"):
+        check_file(path)
 
 
 def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:

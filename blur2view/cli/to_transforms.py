@@ -17,7 +17,7 @@ from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths, storable
 from blur2view.errors import DatabaseError, OutputError
-from blur2view.files import check_file, open_picture, open_regular, writable_folder, write_beside
+from blur2view.files import check_file, open_picture, open_regular, signed, writable_folder, write_beside
 from blur2view.images.image import RAW_SUFFIXES, read_orientation
 from blur2view.images.pixels import stored_from_upright
 from blur2view.movers.mask import DAMAGED, MaskFormat, stored_labels
@@ -187,8 +187,7 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
         check_file(target.parent / transforms.PLY)
         own[target.parent / transforms.PLY] = transforms.point_cloud(model)
         line += f" and their points, {transforms.PLY}"
-    content = {"generator": f"blur2view {__version__}", **content}
-    own[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    own[target] = (json.dumps(signed(content, __version__), indent=2, allow_nan=False) + "\n").encode()
     if files:
         write_beside(files)
     write_beside(own, noted=True)

@@ -22,13 +22,13 @@ from blur2view.files import (
     checked_lines,
     file_digest,
     is_ours,
+    signed,
     unwritable,
     write_file,
 )
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.processes import not_started, processes, spawn_context
 
-GENERATOR = "blur2view recover"
 Result = RecoveredFrame | str
 """A recovered frame, or the reason for which it is refused."""
 TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
@@ -155,7 +155,7 @@ def _first_line(sequence: FrameSequence) -> str:
     frames = list(sequence.times), [(state.st_size, state.st_mtime_ns) for state in states]
     network = getattr(sequence.network, "model_id", "")
     call = sha256(repr((model, frames, network, __version__)).encode("utf-8", "surrogateescape")).hexdigest()
-    return json.dumps({"generator": GENERATOR, "call_sha256": call})
+    return json.dumps(signed({"call_sha256": call}, "recover"))
 
 
 def _line(name: str, result: Result) -> str:

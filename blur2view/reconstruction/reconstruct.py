@@ -34,6 +34,7 @@ from blur2view.files import (
     checked_lines,
     locked,
     quick_digest,
+    signed,
     unwritable,
     writable_folder,
     write_beside,
@@ -366,9 +367,10 @@ def _write_transforms(folder: Path, options: ReconstructionOptions, masks: Seque
     if masks and options.dialect == transforms.NERFSTUDIO:
         for frame, exposure in zip(content["frames"], exposed, strict=True):
             frame["mask_path"] = f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(exposure.image.name))}"
-    content = {"generator": f"blur2view {__version__}", **content}
     files = {folder / transforms.PLY: transforms.point_cloud(model)} if transforms.PLY_KEY in content else {}
-    files[folder / TRANSFORMS] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
+    files[folder / TRANSFORMS] = (
+        json.dumps(signed(content, __version__), indent=2, allow_nan=False) + "\n"
+    ).encode()
     for file in files:
         check_file(file)
     write_beside(files, noted=True)

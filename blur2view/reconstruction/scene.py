@@ -9,7 +9,7 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.errors import OutputError
-from blur2view.files import write_file
+from blur2view.files import signed, write_file
 
 STATE = "reconstruction.json"
 
@@ -65,7 +65,7 @@ class Scene:
 
     def write(self) -> None:
         """Note the steps that are done."""
-        content = {"generator": f"blur2view {__version__}", "call": self.call, "steps": self.steps}
+        content = signed({"call": self.call, "steps": self.steps}, __version__)
         content["sha256"] = self._digest()
         write_file(self.folder / STATE, (json.dumps(content) + "\n").encode())
 

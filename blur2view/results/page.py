@@ -2,6 +2,8 @@
 
 from html import escape
 
+from blur2view.files import SIGNED_BY
+
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """The Content-Security-Policy, which forbids all else to whatever a name may smuggle in."""
 
@@ -13,7 +15,7 @@ def page(title: str, body: str, *, style: str, version: str) -> bytes:
 <meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="{POLICY}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="generator" content="blur2view {escape(version)}">
+<meta name="generator" content="{SIGNED_BY} {escape(version)}">
 <title>{escape(title)} - blur2view</title>
 <link rel="icon" href="data:,">
 <style>{style}</style>

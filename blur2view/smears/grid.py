@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
-from blur2view.files import open_regular
+from blur2view.files import GRID_KEY, open_regular
 from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP, SHORTEST_PX, STILL_PX
 from blur2view.smears.noise import WINDOW_PX
 
@@ -27,7 +27,7 @@ Floats = NDArray[np.floating[Any]]
 # Probability of no smear from which a cell's short smear is taken for an error: the share within one standard
 # deviation.
 SURE_STILL = 0.68
-GRID_KEY, BLUR_KEY = "smear_grid", "blur_grid"
+BLUR_KEY = "blur_grid"
 
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
           RuntimeError, MemoryError, BadZipFile)  # fmt: skip

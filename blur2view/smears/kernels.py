@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array, Floats
+from blur2view.files import KERNELS_KEY
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.blur_map import is_sure
 from blur2view.smears.grid import SmearGrid
@@ -18,7 +19,6 @@ from blur2view.smears.likelihood import BOTH, CANNOT_TELL, IN_FOCUS_PX, OUT_OF_F
 SAMPLES_A_PX = 4  # points along a smear a pixel of its length: bound
 LARGEST_PX = 511  # side of a kernel; a longer smear is cut off there, which keeps a file below a gigabyte
 OUT_OF_FOCUS_KINDS = (BlurKind.OUT_OF_FOCUS, BlurKind.OUT_OF_FOCUS_AND_MOVED)
-KERNELS_KEY = "blur_kernels"  # marks the file as ours (`blur2view.files`)
 DISC_SUBPIXELS = 8  # along each side of a pixel, of which a disc covers some: bound
 
 
