@@ -45,8 +45,8 @@ from blur2view.pipeline import segment as segment
 from blur2view.reconstruction.options import ReconstructionOptions as ReconstructionOptions
 from blur2view.reconstruction.reconstruct import Reconstruction as Reconstruction
 from blur2view.reconstruction.reconstruct import reconstruct as reconstruct
+from blur2view.records.record import Record as Record
 from blur2view.results.overlay import draw_overlay as draw_overlay
-from blur2view.results.record import Record as Record
 from blur2view.results.triage import triage as triage
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind

@@ -2,10 +2,11 @@
 
 import os
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from blur2view import __version__
 from blur2view.arrays import AnyArray, require
 from blur2view.camera import Camera
 from blur2view.geometry.pose import AngularVelocity
@@ -17,6 +18,7 @@ from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.records.record import Record, plain
 from blur2view.smears.blur import Blur, nothing_seen
 from blur2view.smears.camera_motion import Evidence, Needed
 from blur2view.smears.grid import SmearGrid
@@ -27,6 +29,15 @@ if TYPE_CHECKING:
     from PIL import Image
 
 CAMERAS = "made by Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
+
+BLUR_KEYS = (
+    *("camera_moved", "nothing_seen", "smear_px", "smear_sigma_px"),
+    *("direction_deg", "defocus_px", "defocus_sigma_px"),
+)
+MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
+COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
+RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
+"""What the record holds of `Blur`, `ModelRow`, `PoseCovariance` and `AngularVelocity`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,6 +72,98 @@ class Estimate:
                 f"the exposure time must be positive seconds, at most {LONG_S:g}, got {exposure_s!r}"
             )
         return self.geometry.angular_velocity(exposure_s)
+
+    def record(self, *, name: str = "", mask: MotionMask | None = None, **stated: Any) -> Record:
+        """Return the record, with the motion ``mask`` and other ``stated`` fields of `Record`.
+
+        A rate is in rad/s if ``exposure_s`` is stated.
+        """
+        blur, geometry, camera = self.blur, self.geometry, self.camera
+        height, width = self.grid.shape
+        values = {
+            "name": name,
+            "width": width,
+            "height": height,
+            "blur": blur.kind,
+            **{key: getattr(blur, key) for key in BLUR_KEYS},
+            "moving_share": None if self.moving is None else blur.moving_share,
+            "timestamp_s": self.timestamp_s,
+            "model_ids": [self.model_id],
+            "K": None if camera is None else camera.K,
+            "camera": _part(camera, "model", "params", "source", "known"),
+            **_geometry_fields(geometry),
+            "reason": geometry.reason,
+            "models": [_part(row, *MODEL_KEYS) for row in geometry.models],
+            "independent_smears": geometry.independent_smears,
+            "num_matches": len(self.matches),
+            "num_inliers": int(geometry.inlier_mask.sum()),
+            "support_by_chance": geometry.support_by_chance,
+            "num_trials": geometry.num_trials,
+            "inlier_ratio": geometry.inlier_ratio,
+            "backward": None if geometry.backward is None else _geometry_fields(geometry.backward),
+            "readout_s": None if self.shutter is None else self.shutter.readout_s,
+            "time_known": self.time.known,
+            "time_confidence": self.time.confidence,
+        }
+        if (rates := geometry.angular_velocity(stated.get("exposure_s") or 1.0)) is not None:
+            values |= zip(RATE_KEYS, [*rates.mean, *rates.sigma], strict=True)
+        if mask is not None:
+            regions = [_part(region, "area_px", "box", "centroid", "probability") for region in mask.regions]
+            values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
+            values["moving_share"] = mask.shares["moving"]
+        return Record(**{key: plain(value) for key, value in (values | stated).items()})
+
+    def to_json(self, name: str = "", exposure_s: float | None = None) -> str:
+        """Return the JSON text of the record, with its use and verdict, as the commands write it.
+
+        Parameters
+        ----------
+        name : str
+            What the photograph is called in it.
+        exposure_s : float, optional
+            Exposure time, seconds; then rates are in rad/s, otherwise rotations in rad.
+
+        Returns
+        -------
+        str
+            A JSON object; ``blur2view estimate --help-all`` explains its keys. What only a command knows, as
+            the file's digest, is empty.
+
+        Raises
+        ------
+        ValueError
+            If the exposure time is not positive, or longer than 2 s.
+
+        Examples
+        --------
+        >>> import json
+        >>> import blur2view
+        >>> document = json.loads(blur2view.estimate("models/sample.jpg").to_json("sample.jpg"))
+        >>> document["name"], document["blur"], document["config"]
+        ('sample.jpg', 'camera moved', 'UNCALIBRATED')
+        """
+        if exposure_s is not None:
+            self.angular_velocity(exposure_s)  # which checks it
+        return self.record(name=name, exposure_s=exposure_s, version=__version__).with_use().to_json()
+
+
+def _geometry_fields(geometry: TwoViewGeometry) -> dict[str, Any]:
+    """Return the fields of a geometry in one order in time."""
+    pose = geometry.cam2_from_cam1
+    return {
+        "F": geometry.F,
+        "H": geometry.H,
+        "E": None if pose is None else geometry.E,
+        "cam2_from_cam1": _part(pose, "rotation", "translation"),
+        "pose_covariance": _part(geometry.covariance, *COVARIANCE_KEYS),
+        "config": geometry.config,
+        "parallax": geometry.parallax,
+    }
+
+
+def _part(source: Any, *names: str) -> dict[str, Any] | None:
+    """Return attributes of an object by their names; None of None."""
+    return None if source is None else {name: getattr(source, name) for name in names}
 
 
 @one_thread

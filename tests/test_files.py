@@ -30,10 +30,10 @@ from blur2view.files import (
     writable_folder,
     write_file,
 )
+from blur2view.records.record import Record
 from blur2view.results.gyroflow import gyroflow_log
 from blur2view.results.overlay import png
 from blur2view.results.page import page
-from blur2view.results.record import Record
 from blur2view.smears.grid import stored_smears
 from blur2view.smears.kernels import BlurKernels
 from tests.colmap.test_link import link

@@ -24,7 +24,7 @@ ROWS = [
     "geometry images",
     "networks",
     "two_view",
-    "movers",
+    "movers records",
     "pipeline",
     "exposure",
     "results",

@@ -1,6 +1,7 @@
 """Estimates in Python: what counts as a photograph and as a camera, rates, threads."""
 
 import builtins
+import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from blur2view.images.pixels import as_rgb
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate, segment
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, SHARP, SMEARED
@@ -218,3 +219,13 @@ def test_a_cheap_look_is_enough_for_the_blur_and_not_for_a_geometry(geometry: bo
     image = np.round(255 * PICTURE).astype(np.uint8)
     estimate(image, network=reader, detail=Detail.RANKING, geometry=geometry)
     assert reader.details == [Detail.RANKING, Detail.GEOMETRY][: 1 + geometry]
+
+
+def test_an_estimate_gives_the_json_that_the_command_prints(
+    run: Call, moving: Path, network: SmearNetwork
+) -> None:
+    (printed,) = run(moving, "--json", "--focal", 300, "--exposure", 0.04).document["estimates"]
+    own = json.loads(estimate(moving, network=network, camera=CAMERA).to_json("moving.png", exposure_s=0.04))
+    command = {"beta", "max_error_px", "seed", "input_sha256", "options_sha256"}
+    assert {key for key in printed if printed[key] != own[key]} == command
+    assert list(own) == list(printed) and own["rate_unit"] == "rad/s"

@@ -23,8 +23,8 @@ from blur2view.images.image import Content
 from blur2view.images.inputs import Source, encode_png
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import frame_time
-from blur2view.results.record import Record
-from blur2view.results.verdict import Use
+from blur2view.records.record import Record
+from blur2view.records.verdict import Use
 
 NEIGHBOURS = 12  # bound: of so many at most gradients are compared, because they show the same things
 SHARE = 3  # of so many neighbours the network reads one

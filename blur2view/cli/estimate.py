@@ -14,10 +14,10 @@ from blur2view.cli.summary import print_document, print_summary, print_table, pr
 from blur2view.cli.terminal import reason_line, verdict_line
 from blur2view.errors import OutputError
 from blur2view.files import write_file
+from blur2view.records.record import Record, explanations
+from blur2view.records.verdict import fit_line
 from blur2view.results.gyroflow import gyroflow_log
 from blur2view.results.overlay import draw_overlay, png
-from blur2view.results.record import Record, explanations
-from blur2view.results.verdict import fit_line
 from blur2view.smears.grid import stored_smears
 from blur2view.smears.kernels import blur_kernels
 

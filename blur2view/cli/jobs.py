@@ -22,7 +22,7 @@ from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.processes import not_started, processes
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 READ_AHEAD = 2  # bound; jobs that are read before they are begun

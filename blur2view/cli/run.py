@@ -38,7 +38,7 @@ from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.processes import is_child
-from blur2view.results.record import Record, table_text
+from blur2view.records.record import Record, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 FindCamera = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
@@ -281,7 +281,7 @@ class EstimatedFile:
 
     def record(self, mask: MotionMask | None = None, threshold: float | None = None) -> Record:
         """Return the record of the photograph, and of what moves in it, if that was asked, by a threshold."""
-        return Record.from_estimate(self.estimate, mask=mask, threshold=threshold, **self.stated).with_use()
+        return self.estimate.record(mask=mask, threshold=threshold, **self.stated).with_use()
 
 
 def estimate_file(

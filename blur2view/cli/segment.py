@@ -17,8 +17,8 @@ from blur2view.images.pixels import stored_from_upright
 from blur2view.movers.mask import GREY, MaskFormat
 from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
+from blur2view.records.record import explanations
 from blur2view.results.overlay import draw_blur_map, draw_motion, mask_verdict, png
-from blur2view.results.record import explanations
 from blur2view.smears.blur_map import blur_map
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")

@@ -9,7 +9,7 @@ from blur2view.cli.options import STANDARD_OUTPUT
 from blur2view.cli.run import Run
 from blur2view.cli.terminal import complain, plural, printable, say
 from blur2view.errors import Blur2ViewError
-from blur2view.results.record import table_text
+from blur2view.records.record import table_text
 
 
 def print_failure(run: Run, outcome: Outcome) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from blur2view.errors import Blur2ViewError
 
 if TYPE_CHECKING:
-    from blur2view.results.record import Record
+    from blur2view.records.record import Record
 
 DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141  # exit codes
 EXIT_CODES = {

@@ -18,7 +18,7 @@ from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.configuration import Parallax
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from blur2view.two_view.constants import TRANSLATION_RULE
 
 WRITTEN = """

@@ -1,4 +1,4 @@
-"""``blur2view triage``: which photographs are sharp or of use; its columns are `results.record`'s."""
+"""``blur2view triage``: which photographs are sharp or of use; its columns are `records.record`'s."""
 
 import os
 from collections import Counter
@@ -22,8 +22,8 @@ from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_rate
 from blur2view.networks.smear_network import Detail
-from blur2view.results.record import explanations
-from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
+from blur2view.records.record import explanations
+from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
 USES = """

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from blur2view.files import (
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.processes import not_started, processes, spawn_context
 
-Result = RecoveredFrame | str
+Result: TypeAlias = RecoveredFrame | str
 """A recovered frame, or the reason for which it is refused."""
 TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
 """Tries frames by the poses of all that are known, and yields their results in order."""

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 from blur2view.errors import OutputError
 from blur2view.files import SIGNED_BY
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 
 TICK_S = 1e-6  # of the column of times
 MAX_NAME = 200  # characters of the video's name, so that the header ends within 500 bytes

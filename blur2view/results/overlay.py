@@ -20,8 +20,8 @@ from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.images.pixels import as_floats, as_photograph, to_resized
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
-from blur2view.results.record import Record
-from blur2view.results.verdict import fit_line, percent
+from blur2view.records.record import Record
+from blur2view.records.verdict import fit_line, percent
 from blur2view.smears.blur_map import BlurLabel, label_shares
 
 Picture = NDArray[np.uint8]  # (H, W, 3) or, of a layer, (H, W, 4)
@@ -89,7 +89,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, record: Record | None = No
     """
     if (shape := estimate.grid.shape) != np.shape(image)[:2]:
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")
-    record = record or Record.from_estimate(estimate, name="")
+    record = record or estimate.record()
     lines, smears = line_layer(estimate), smear_layer(estimate)
     fits, key = bool(estimate.geometry.inlier_mask.any()), list[str]()
     if fits:

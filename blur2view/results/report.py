@@ -19,12 +19,12 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.movers.mask import MotionMask
 from blur2view.pipeline import Estimate
+from blur2view.records.record import Record, entries
+from blur2view.records.verdict import turned
 from blur2view.results.blur_timeline import STYLE as SVG_STYLE
 from blur2view.results.blur_timeline import Seen, smears_over_time, turning_over_time
 from blur2view.results.overlay import Picture, line_layer, mask_layer, picture_size, shown, smear_layer
 from blur2view.results.page import page
-from blur2view.results.record import Record, entries
-from blur2view.results.verdict import turned
 
 SIDE_PX, THUMBNAIL_PX = 960, 96  # bounds of the longer side of pictures; the page shows them as large
 QUALITY, LAYER_QUALITY, LOSSLESS = 75, 40, 101  # of WebP

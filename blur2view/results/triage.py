@@ -11,8 +11,8 @@ from blur2view.images.inputs import Inputs, Source, list_photographs, timestamp_
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.pipeline import estimate
-from blur2view.results.record import Record
-from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX
+from blur2view.records.record import Record
+from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX
 
 PathLike = str | os.PathLike[str]
 
@@ -87,5 +87,5 @@ def _look(
         raise
     except (ImageError, ValueError) as error:
         return Record(name=name, error=str(error))
-    record = Record.from_estimate(seen, name=name, frame=source.frame, timestamp_s=time_s)
+    record = seen.record(name=name, frame=source.frame, timestamp_s=time_s)
     return record.without_geometry().with_use(max_smear_px, max_defocus_px)

@@ -16,7 +16,7 @@ from blur2view.cli import executors, jobs
 from blur2view.errors import RunError
 from blur2view.exposure.sequence import NO_FEATURES
 from blur2view.images.inputs import Source
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from tests.cli.test_ended_early import wait_for
 from tests.support.calls import Call, call_program
 from tests.support.many_photographs import contents, environment, start, write_photographs

@@ -10,7 +10,7 @@ import pytest
 from blur2view.cli import commands as cli
 from blur2view.cli.estimate import EstimateOptions
 from blur2view.cli.options import Estimating, Printing, Reading
-from blur2view.results.record import explanations
+from blur2view.records.record import explanations
 from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]

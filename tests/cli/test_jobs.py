@@ -22,7 +22,7 @@ from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, ext
 from blur2view.images import inputs
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from tests.support.calls import Call
 from tests.support.many_photographs import write_video
 

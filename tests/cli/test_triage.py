@@ -10,7 +10,7 @@ import pytest
 from blur2view.images.inputs import Inputs, Source
 from blur2view.images.video import EndOfVideo, read_frame
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from blur2view.results.triage import _records, triage
 from tests.support.calls import Call, table
 from tests.support.colour_code import forward_motion

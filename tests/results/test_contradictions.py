@@ -7,8 +7,8 @@ import pytest
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.results.record import Record
-from blur2view.results.verdict import MAX_SMEAR_PX
+from blur2view.records.record import Record
+from blur2view.records.verdict import MAX_SMEAR_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.pose import rotation_matrix
+from blur2view.records.record import Record
 from blur2view.results.gyroflow import gyroflow_log
-from blur2view.results.record import Record
 
 
 def parsed(text: str) -> tuple[dict[str, str], Array, Array]:

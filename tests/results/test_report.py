@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import blur2view
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from blur2view.results.report import SIDE_PX, Section, report, section
 
 FAILED = Record(name="b.jpg", error="b.jpg: is no <picture>")

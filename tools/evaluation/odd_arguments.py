@@ -17,7 +17,7 @@ import blur2view
 from blur2view.arrays import AnyArray, Array
 from blur2view.cli.terminal import printable
 from blur2view.errors import Blur2ViewError
-from blur2view.results.record import Record
+from blur2view.records.record import Record
 from blur2view.smears.grid import stored_smears
 from tools.evaluation.odd_inputs import mutated
 

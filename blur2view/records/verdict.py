@@ -10,7 +10,7 @@ from blur2view.geometry.configuration import Configuration, Parallax
 from blur2view.smears.blur import DEFOCUSED_PX, BlurKind
 
 if TYPE_CHECKING:
-    from blur2view.results.record import Record
+    from blur2view.records.record import Record
 
 STILL = BlurKind.SHARP, BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_AT_REST
 """Kinds of blur of a camera that did not move."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import blur2view
-from blur2view.results.record import Record, explanations, table_text
+from blur2view.records.record import Record, explanations, table_text
 
 
 @pytest.fixture

@@ -13,17 +13,12 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Protocol, Self
 
 from blur2view.geometry.configuration import MotionModel
-from blur2view.results.verdict import decide_use, verdict
+from blur2view.records.verdict import decide_use, verdict
 from blur2view.smears.blur import BlurKind
 from blur2view.two_view.constants import TRANSLATION_RULE
-
-if TYPE_CHECKING:
-    from blur2view.geometry.two_view_geometry import TwoViewGeometry
-    from blur2view.movers.mask import MotionMask
-    from blur2view.pipeline import Estimate
 
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
@@ -32,14 +27,6 @@ FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
-BLUR_KEYS = (
-    *("camera_moved", "nothing_seen", "smear_px", "smear_sigma_px"),
-    *("direction_deg", "defocus_px", "defocus_sigma_px"),
-)
-MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
-COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
-RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
-"""What the record holds of `Blur`, `ModelRow`, `PoseCovariance` and `AngularVelocity`."""
 TYPES = {
     **{kind.__name__: kind for kind in (str, int, bool, list, dict)},
     "float": int | float,
@@ -61,6 +48,13 @@ def explained(text: str, default: Any = None, *, geometry: bool = False) -> Any:
 def geometric(text: str, default: Any = None) -> Any:
     """Return a field of the geometry with its explanation."""
     return explained(text, default, geometry=True)
+
+
+class Recorded(Protocol):
+    """What states its record: `blur2view.pipeline.Estimate`."""
+
+    def record(self, *, name: str, **stated: Any) -> Record:
+        """Return the record under a name, with fields that are stated beside it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,44 +242,9 @@ class Record:
         return self.F is not None or self.H is not None
 
     @classmethod
-    def from_estimate(
-        cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any
-    ) -> Self:
-        """Return the record of an estimate, of a motion ``mask`` and of other, ``stated`` fields."""
-        blur, geometry, camera = estimate.blur, estimate.geometry, estimate.camera
-        height, width = estimate.grid.shape
-        values = {
-            "name": name,
-            "width": width,
-            "height": height,
-            "blur": blur.kind,
-            **{key: getattr(blur, key) for key in BLUR_KEYS},
-            "moving_share": None if estimate.moving is None else blur.moving_share,
-            "timestamp_s": estimate.timestamp_s,
-            "model_ids": [estimate.model_id],
-            "K": None if camera is None else camera.K,
-            "camera": _part(camera, "model", "params", "source", "known"),
-            **_geometry(geometry),
-            "reason": geometry.reason,
-            "models": [_part(row, *MODEL_KEYS) for row in geometry.models],
-            "independent_smears": geometry.independent_smears,
-            "num_matches": len(estimate.matches),
-            "num_inliers": int(geometry.inlier_mask.sum()),
-            "support_by_chance": geometry.support_by_chance,
-            "num_trials": geometry.num_trials,
-            "inlier_ratio": geometry.inlier_ratio,
-            "backward": None if geometry.backward is None else _geometry(geometry.backward),
-            "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
-            "time_known": estimate.time.known,
-            "time_confidence": estimate.time.confidence,
-        }
-        if (rates := geometry.angular_velocity(stated.get("exposure_s") or 1.0)) is not None:
-            values |= zip(RATE_KEYS, [*rates.mean, *rates.sigma], strict=True)
-        if mask is not None:
-            regions = [_part(region, "area_px", "box", "centroid", "probability") for region in mask.regions]
-            values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
-            values["moving_share"] = mask.shares["moving"]
-        return cls(**{name: plain(value) for name, value in (values | stated).items()})
+    def from_estimate(cls, estimate: Recorded, *, name: str, **stated: Any) -> Record:
+        """Return the record of an estimate with other, ``stated`` fields, as ``estimate.record`` does."""
+        return estimate.record(name=name, **stated)
 
     def with_use(self, *limits_px: float) -> Self:
         """Return the record with the use of the photograph, given limits of a sharp one (`decide_use`)."""
@@ -337,25 +296,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, StrEnum):
         return value.value
     return value.tolist() if hasattr(value, "tolist") else value  # of NumPy
-
-
-def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
-    """Return the fields of a geometry in one order in time."""
-    pose = geometry.cam2_from_cam1
-    return {
-        "F": geometry.F,
-        "H": geometry.H,
-        "E": None if pose is None else geometry.E,
-        "cam2_from_cam1": _part(pose, "rotation", "translation"),
-        "pose_covariance": _part(geometry.covariance, *COVARIANCE_KEYS),
-        "config": geometry.config,
-        "parallax": geometry.parallax,
-    }
-
-
-def _part(source: Any, *names: str) -> dict[str, Any] | None:
-    """Return attributes of an object by their names; None of None."""
-    return None if source is None else {name: getattr(source, name) for name in names}
 
 
 def entries() -> Iterator[tuple[str, str, str]]:

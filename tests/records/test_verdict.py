@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.results.record import Record
-from blur2view.results.verdict import decide_use
+from blur2view.records.record import Record
+from blur2view.records.verdict import decide_use
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 MOVED = Record(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)

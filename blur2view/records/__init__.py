@@ -1,0 +1,1 @@
+"""The record of a photograph: what its JSON and the tables say of it, in words as well."""

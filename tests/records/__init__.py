@@ -1,0 +1,1 @@
+"""Tests of blur2view.results."""
