@@ -33,8 +33,11 @@ _font = cache(ImageFont.load_default)  # Pillow's own: OpenCV 4 and 5 have diffe
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-PNG_COLOURS = {2: 0, 3: 2, 4: 6}  # type of colour by channels: grey (H, W) has two axes
-UP = 2  # PNG's filter of a row: its difference from the row above
+PNG_OPTIONS = [
+    cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
+    cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP,
+]  # fmt: skip
+PNG_HEADER = 33  # bytes of the signature and of the first chunk, IHDR
 _SHIFT = 4  # OpenCV draws with 1/16 px
 SMEAR_SPACING_PX = 26  # smallest side of a square with one smear: the photograph stays visible
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
@@ -313,24 +316,12 @@ def captioned(picture: Picture, head: str, text: str) -> Picture:
 def png(picture: AnyArray) -> bytes:
     """Return a picture (H, W), (H, W, 3) or (H, W, 4), uint8, as PNG, signed for `files.is_ours`.
 
-    Of an overlay of 1280x779 pixels it takes 0.4 of the time of Pillow's lowest effort, and 3 % less bytes:
+    Of an overlay of 1280x1019 pixels it takes half the time of Pillow's lowest effort, for 11 % more bytes:
     all rows have one filter, and only runs of one value are looked for.
     """
-    height, width = picture.shape[:2]
-    rows = picture.reshape(height, -1)
-    filtered = np.empty((height, 1 + rows.shape[1]), np.uint8)
-    filtered[:, 0], filtered[0, 1:] = UP, rows[0]
-    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
-    squeezed = zlib.compressobj(1, strategy=zlib.Z_RLE)
-    channels = picture.shape[2] if picture.ndim == 3 else 2
-    header = struct.pack(">IIBBBBB", width, height, 8, PNG_COLOURS[channels], 0, 0, 0)
-    chunks = {
-        b"IHDR": header,
-        b"tEXt": b"Software\0" + SIGNED_BY.encode(),
-        b"IDAT": squeezed.compress(filtered.data) + squeezed.flush(),
-        b"IEND": b"",
-    }
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
-        for name, content in chunks.items()
-    )
+    order = {3: cv2.COLOR_RGB2BGR, 4: cv2.COLOR_RGBA2BGRA}
+    pixels = cv2.cvtColor(picture, order[picture.shape[2]]) if picture.ndim == 3 else picture
+    content = cv2.imencode(".png", pixels, PNG_OPTIONS)[1].tobytes()
+    text = b"tEXtSoftware\0" + SIGNED_BY.encode()
+    chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+    return content[:PNG_HEADER] + chunk + content[PNG_HEADER:]
