@@ -21,9 +21,9 @@ from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_rate
-from blur2view.networks.smear_network import Detail
 from blur2view.records.record import explanations
 from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
+from blur2view.results.triage import record_of_look
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
 USES = """
@@ -193,15 +193,13 @@ class TriageOptions(Command):
 
 
 def look_at(options: TriageOptions, job: Job) -> Outcome:
-    """Return the record of one photograph, which is looked at less closely: of its blur alone.
-
-    Geometry, which is looked for with ``--blurred``, decides on its use, and is not written. To choose one of
-    some neighbours the first look is enough.
-    """
-    closer = not options.compares_gradients
-    file = estimate_file(options, job, detail=Detail.RANKING, geometry=options.blurred, closer=closer)
-    record = file.record() if options.blurred else file.record().without_geometry()
-    record = record.with_use(options.max_smear.px(record.width or 0), options.max_defocus).without_geometry()
+    """Return the record of one photograph; to choose one of some neighbours the first look is enough."""
+    record = record_of_look(
+        lambda **asked: estimate_file(options, job, **asked).record(),
+        lambda record: (options.max_smear.px(record.width or 0), options.max_defocus),
+        blurred=options.blurred,
+        closer=not options.compares_gradients,
+    )
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
     return Outcome(record=record, summary=verdict_line(record) + used)
 

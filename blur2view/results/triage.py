@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
@@ -82,10 +83,31 @@ def _look(
             raise ImageError(source.refusal)
         picture = read_picture(source.path, content=None if source.frame is None else source.read())
         time_s = timestamp_of(source.name) if source.frame is None else frame_time(source.path, source.frame)
-        seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
+
+        def read(**asked: Any) -> Record:
+            seen = estimate(picture.pixels, network=network, **asked)
+            return seen.record(name=name, frame=source.frame, timestamp_s=time_s)
+
+        return record_of_look(read, lambda record: (max_smear_px, max_defocus_px))
     except EndOfVideo:
         raise
     except (ImageError, ValueError) as error:
         return Record(name=name, error=str(error))
-    record = seen.record(name=name, frame=source.frame, timestamp_s=time_s)
-    return record.without_geometry().with_use(max_smear_px, max_defocus_px)
+
+
+def record_of_look(
+    read: Callable[..., Record],
+    limits_px: Callable[[Record], tuple[float, float]],
+    *,
+    blurred: bool = False,
+    closer: bool = True,
+) -> Record:
+    """Return what triage says of a photograph: its blur and its use, without a geometry.
+
+    ``read`` returns the record of an `estimate` with the arguments that it is given, ``limits_px`` the
+    longest smear and the largest radius of a sharp photograph. With ``blurred`` a geometry is looked for and
+    decides on the use; ``closer`` is that of `estimate`.
+    """
+    record = read(detail=Detail.RANKING, geometry=blurred, closer=closer)
+    record = record if blurred else record.without_geometry()
+    return record.with_use(*limits_px(record)).without_geometry()
