@@ -17,7 +17,7 @@ from blur2view.images.pixels import as_photograph, unusable_size
 from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
-from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader, is_large
 from blur2view.records.record import Record, plain
 from blur2view.smears.blur import Blur, nothing_seen
 from blur2view.smears.camera_motion import Evidence, Needed
@@ -240,9 +240,11 @@ def estimate(
     height, width = image.shape[:2]
     if remedy := unusable_size(width, height):
         raise ValueError(f"a photograph of {width}x{height} pixels cannot be used; {remedy}")
-    evidence, moving = _seen(image, network, Detail(detail), closer)
+    detail = Detail(detail)
+    evidence, moving = _seen(image, network, detail, closer)
     grid, blur = evidence.grid, evidence.blur
-    if geometry and blur.kind.of_camera and not evidence.every_window:
+    looked = is_large(image.shape) or (detail is Detail.RANKING and not evidence.closest)
+    if looked and (detail is Detail.GEOMETRY or (geometry and blur.kind.of_camera)):
         grid = network.predict(image)  # F fits some 48 smears of any kind
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
@@ -252,7 +254,8 @@ def estimate(
             if geometry or not knows_motion  # without kinds the fit alone tells whether the camera moved
             else without_fit(matches)
         )
-        blur = replace(evidence, stood_still=two_view.stood_still).blur
+        evidence = replace(evidence, stood_still=two_view.stood_still)
+        blur = evidence.measured_on(grid if detail is Detail.GEOMETRY else evidence.grid)
     else:
         two_view = without_motion(matches, blur)
     return Estimate(
@@ -279,8 +282,8 @@ def segment(
     """Return which pixels of a photograph move by themselves, given the camera's own motion.
 
     Pixels about which the picture is smooth are unobservable. The shipped network reads the photograph anew
-    if it has more than 2.5 megapixels, or the estimate's smears are not those of a `SmearNetwork` in
-    ``Detail.GEOMETRY``. Where the estimate has already found what moves (``estimate.moving``), that is taken,
+    if the estimate's smears are not those of a `SmearNetwork` in ``Detail.GEOMETRY``. Where the estimate has
+    already found what moves in a photograph of at most 0.6 megapixels (``estimate.moving``), that is taken,
     and ``rng`` is not used.
 
     Parameters
@@ -321,7 +324,8 @@ def segment(
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(rng or 0)
-    return motion_mask(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
+    moving = None if is_large(image.shape) else estimate.moving
+    return motion_mask(moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
 def _seen(
@@ -329,19 +333,21 @@ def _seen(
 ) -> tuple[Evidence, Moving | None]:
     """Return what a photograph shows of its blur, as much as is needed to name it, and what moves in it.
 
-    Where fewer windows are read and leave the name open, all are, so that it is the one of
-    ``Detail.GEOMETRY``.
+    A cheap look that leaves the name open is followed by a closer one, and that by a look for movers. Large
+    photographs are looked at in the same way for every ``detail``, so that they have one name.
     """
-    grid, every_window = network.predict(image, detail=detail), detail is Detail.GEOMETRY
-    evidence = Evidence(grid=grid, every_window=every_window, nothing_seen=nothing_seen(image, grid))
-    if not (every_window or closer):
+    closest = Detail.CLOSER if is_large(image.shape) else Detail.GEOMETRY
+    first = detail if closest is Detail.GEOMETRY else Detail.RANKING
+    grid = network.predict(image, detail=first)
+    evidence = Evidence(grid=grid, closest=first is closest, nothing_seen=nothing_seen(image, grid))
+    if not (evidence.closest or closer):
         return evidence, None
     if evidence.needed is Needed.WINDOWS:
-        evidence = replace(evidence, grid=network.predict(image), every_window=True)
+        evidence = replace(evidence, grid=network.predict(image, detail=closest), closest=True)
     if evidence.needed is not Needed.MOVERS:
         return evidence, None
     moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
-    factor = moving.block_px // BLOCK_PX  # a mask of every pixel of 24 megapixels takes 0.5 GB
-    mask = motion_mask(replace(moving, block_px=BLOCK_PX), reduced(image, factor))
+    copy = reduced(image, moving.block_px / BLOCK_PX)  # a mask of every pixel of 24 megapixels takes 0.5 GB
+    mask = motion_mask(replace(moving, block_px=BLOCK_PX), copy)
     movers = moving.evidence(evidence.grid, mask.shares["moving"])
     return replace(evidence, movers=movers), moving

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -16,6 +17,7 @@ from blur2view.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.pose import rotation_vector
+from blur2view.images.image import read_image
 from blur2view.images.pixels import as_rgb
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork
@@ -30,6 +32,7 @@ from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 from tests.support.grids import grid_of
 
+ROOT = Path(__file__).resolve().parents[1]
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
 PICTURE = colour_code(forward_motion(), 1.0)
 
@@ -158,7 +161,7 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
 
 
 class Reader:
-    """Network that reads one kind of blur in all windows, and another in the first cell of a cheap look."""
+    """Network that reads one kind of blur in all windows, and another in the first row of a cheap look."""
 
     model_id, execution = "made-up", Execution(threads=1)
 
@@ -171,7 +174,7 @@ class Reader:
         shape = -(-image.shape[0] // 32), -(-image.shape[1] // 32)
         kinds = np.full(shape, self.kind)
         if self.differs and detail is Detail.RANKING:
-            kinds[0, 0] = SMEARED + SHARP - self.kind
+            kinds[0] = SMEARED + SHARP - self.kind
         smears = np.where(kinds == SMEARED, 9.0, 0.3)[..., None] * [1.0, 0.0]
         blur = np.concatenate([np.full((*shape, 1), 0.5), np.eye(len(KINDS))[kinds]], -1).astype(np.float32)
         return replace(grid_of(smears, 0.2, stride=32, shape=image.shape[:2]), blur=blur)
@@ -183,6 +186,31 @@ def test_a_cheap_look_that_leaves_the_blur_open_reads_all_windows_and_others_do_
     seen = estimate(np.round(255 * PICTURE).astype(np.uint8), network=reader, detail=Detail.RANKING)
     assert reader.details == [Detail.RANKING, Detail.GEOMETRY][: 1 + differs]
     assert seen.blur.kind == "sharp"
+
+
+@pytest.mark.parametrize("detail", [Detail.RANKING, Detail.GEOMETRY])
+def test_what_blurred_a_large_photograph_is_named_by_the_same_looks_for_any_purpose(detail: Detail) -> None:
+    reader = Reader(SHARP, differs=True)
+    levels = np.random.default_rng(0).integers(0, 256, (700, 900, 3), np.uint8)
+    seen = estimate(levels, network=reader, detail=detail)
+    last = [Detail.GEOMETRY] if detail is Detail.GEOMETRY else []
+    assert reader.details == [Detail.RANKING, Detail.CLOSER, *last] and seen.blur.kind == "sharp"
+
+
+@pytest.mark.slow
+def test_movers_in_a_copy_name_a_large_photograph_and_its_smears_are_measured_in_all_windows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("blur2view.smears.camera_motion.in_doubt", lambda grid: True)
+    image = cv2.resize(read_image(ROOT / "models" / "sample_mover.jpg"), (1080, 720))
+    triaged, whole = (
+        estimate(image, detail=detail, geometry=False) for detail in (Detail.RANKING, Detail.GEOMETRY)
+    )
+    assert triaged.blur.kind == whole.blur.kind == "camera moved"
+    assert triaged.blur.moving_share == whole.blur.moving_share > 0.05
+    assert triaged.moving is not None and triaged.moving.block_px > 4
+    assert whole.blur.smear_px == pytest.approx(triaged.blur.smear_px, rel=0.2)
+    assert segment(whole, image).shares["moving"] == pytest.approx(whole.blur.moving_share, abs=0.05)
 
 
 def test_the_blur_alone_is_that_of_the_whole_estimate(network: SmearNetwork) -> None:

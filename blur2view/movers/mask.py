@@ -66,7 +66,7 @@ class MotionMask:
 
 def motion_mask(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in a photograph (H, W, 3) or (H, W)."""
-    side, still = moving.block_px, moving.camera_moved < 0.5
+    side, still = round(moving.block_px), moving.camera_moved < 0.5
     parts = _to_pixels(moving.parts(threshold).astype(np.float32), image.shape, side)
     moves = _along_edges(parts, image, side) > 0.5
     del parts  # a large photograph's

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray, Array, Floats, Mask
 from blur2view.images.pixels import as_rgb, brightened, brightness_gain
 from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
-from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
+from blur2view.networks.octaves import LENGTHS
+from blur2view.networks.smear_network import LARGE_PX, SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.camera_motion import Movers, moved_probability
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
@@ -78,8 +79,8 @@ class Moving:
     """(h, w), that a block moves by itself."""
     smooth: Mask
     """(h, w): blocks about which the picture shows nothing."""
-    block_px: int
-    """Side of a block, pixels of the photograph; together they cover it."""
+    block_px: float
+    """Side of a block, pixels of the photograph; together they cover it. Whole numbers, if a mask is made."""
     camera_px: float
     """Median displacement of the camera's motion, pixels."""
     camera_moved: float
@@ -124,7 +125,7 @@ class Moving:
 
     def evidence(self, grid: SmearGrid, share: float) -> Movers:
         """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
-        rows, columns = (-(-side * grid.stride // self.block_px) for side in grid.cells.shape[:2])
+        rows, columns = (int(-(-side * grid.stride // self.block_px)) for side in grid.cells.shape[:2])
         cells = over_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
         return Movers(cells=cells, share=share, camera_moved=self.camera_moved)
 
@@ -140,7 +141,7 @@ def moving_in(
         As `blur2view.images.pixels.as_photograph` returns it; reduced until a cell has 32 pixels or, if
         smears are read anew, while it has more than `LARGE_PX`.
     grid : SmearGrid
-        Its smears; they are read anew unless a `SmearNetwork` read them in ``Detail.GEOMETRY``.
+        Its smears; they are read anew unless a `SmearNetwork` read them, closer than in ``Detail.RANKING``.
     rng : numpy.random.Generator
         Draws starts of the fit of the camera's motion.
     execution : Execution, optional
@@ -178,11 +179,11 @@ def moving_in(
     )
 
 
-def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[AnyArray, SmearGrid, int]:
+def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[AnyArray, SmearGrid, float]:
     """Return a photograph at the size that the networks read, its grid there, and the factor between both."""
-    if grid.shares is not None and grid.blur is not None and not grid.stride % STEP:
-        factor = grid.stride // STEP
-        return reduced(image, factor), reduced_grid(grid, factor), factor
+    if grid.shares is not None and grid.blur is not None and grid.stride >= STEP:
+        scale = grid.stride / STEP
+        return reduced(image, scale), reduced_grid(grid), scale
     factor = 1
     while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
         factor *= 2
@@ -191,27 +192,25 @@ def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[A
     return image, grid, factor
 
 
-def reduced(image: AnyArray, factor: int) -> AnyArray:
+def reduced(image: AnyArray, factor: float) -> AnyArray:
     """Return a photograph whose sides are those of another over a factor, rounded up."""
     if factor == 1:
         return image
-    size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
+    size = int(-(-image.shape[1] // factor)), int(-(-image.shape[0] // factor))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def reduced_grid(grid: SmearGrid, factor: int) -> SmearGrid:
-    """Return the grid of a `reduced` photograph: of the same cells, in its pixels."""
-    if factor == 1:
+def reduced_grid(grid: SmearGrid) -> SmearGrid:
+    """Return the grid of a photograph that is `reduced` until a cell has 32 pixels: of the same cells."""
+    if (factor := grid.stride / STEP) == 1:
         return grid
     assert grid.blur is not None
     cells, blur = grid.cells.copy(), grid.blur.copy()
     cells[..., :3] /= factor  # the fourth is an angle
     blur[..., 0] /= factor
-    rows, columns = (-(-side // factor) for side in grid.shape)
-    window_px = None if grid.window_px is None else grid.window_px // factor
-    return replace(
-        grid, cells=cells, blur=blur, stride=grid.stride // factor, shape=(rows, columns), window_px=window_px
-    )
+    rows, columns = (int(-(-side // factor)) for side in grid.shape)
+    window_px = None if grid.window_px is None else int(grid.window_px // factor)
+    return replace(grid, cells=cells, blur=blur, stride=STEP, shape=(rows, columns), window_px=window_px)
 
 
 def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:

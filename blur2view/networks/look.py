@@ -7,6 +7,7 @@ pixels on; finer ones follow until they cannot change the answer.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from blur2view.images.pixels import LEVELS_OF_8_BITS, as_floats, brightened, bri
 from blur2view.networks.model_file import OnnxNetwork
 from blur2view.networks.octaves import (
     FLAT_PX,
+    LENGTHS,
     not_short,
     octave_count,
     octave_values,
@@ -25,13 +27,15 @@ from blur2view.networks.octaves import (
 )
 from blur2view.networks.spectra import STEP, WINDOW, power_spectra
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import read_smears
+from blur2view.smears.likelihood import marginals, read_smears
 from blur2view.smears.noise import WINDOW_PX
 
 CELLS = 48
-"""Windows of an octave, about. Of 911 pictures (DAVIS, RedKitchen, Kodak, phones, cut-outs, rendered and
-blurred ones) `estimate` names 21 otherwise than a look of so many windows that is not in doubt, 14 with 96,
-and 19 with 80 to 160 in all octaves."""
+"""Windows of an octave of the first look, about: `tools.evaluation.looks` compares other numbers."""
+CLOSER_CELLS = 96
+"""Windows of an octave of a closer look, from which movers are looked for in a copy of as many cells. Of 178
+pictures of 1280x1024 (12 photographs blurred as for `tools.evaluation.blur_kinds`, and 46 sharp ones) every
+second one chose it: of the others it names 82 of 89 rightly, 192 windows 80, and all windows 75."""
 FIRST_PX = 240
 """Longer side of the first octave, at least: smears up to 8 % of it are within the network's reach."""
 SEES_FOCUS = 1
@@ -40,39 +44,46 @@ smears of 125 to 177 px ended the look in octave 3, three phones' photographs we
 SAMPLES = 100_000
 """Values of which the brightness is taken; bound."""
 WHITE = 65535
+STRIP_ROWS = 64  # of the photograph, even: `_grey` of so many rows is held at a time
 
 
-def look(network: OnnxNetwork, features: int, image: AnyArray, brightness: float) -> SmearGrid:
-    """Return the smears of a photograph (H, W, 3) or (H, W) in some 48 cells, without their shares.
+def look(
+    network: OnnxNetwork, features: int, image: AnyArray, brightness: float, cells: int = CELLS
+) -> SmearGrid:
+    """Return the smears of a photograph (H, W, 3) or (H, W) in some 48 cells, or in as many as are asked for.
 
     It is settled when its smears are so long that a finer octave adds nothing to them, or when the photograph
     itself was read: short smears differ from none there alone.
     """
     height, width = image.shape[:2]
-    stride = window_stride(height, width)
+    stride = window_stride(height, width, cells)
     first = (stride - 1) / 2
     middles = [np.minimum(np.arange(first, side + first, stride), side - 1) for side in (height, width)]
     rows, columns = (len(middle) for middle in middles)
     middles = [np.repeat(middle, 2 if len(middle) == 1 else 1) for middle in middles]  # the network needs two
-    pictures = [_grey(image, brightness_gain(image, brightness, SAMPLES))]
-    for _ in range(first_octave(height, width)):
-        pictures.append(_halved(pictures[-1]))
+    gain, count = brightness_gain(image, brightness, SAMPLES), first_octave(height, width)
+    smaller = [_half_grey(image, gain)] if count else []
+    for _ in range(count - 1):
+        smaller.append(_halved(smaller[-1]))
     threads, read, flat = network.execution.threads, None, np.ones([len(middle) for middle in middles], bool)
-    for k in reversed(range(len(pictures))):
-        windows = _windows_about(pictures[k], *(from_resized(middle, 2**k) for middle in middles))
+    for k in reversed(range(count + 1)):
+        about = [np.asarray(from_resized(middle, 2**k), float) for middle in middles]
+        windows = _windows_about(smaller[k - 1], about) if k else _windows_about(image, about, gain)
         flat &= _is_flat(windows)
         read = read_octave(network, features, thinned(windows), power_spectra(windows, threads), read, False)
         if k <= SEES_FOCUS and not_short(read):
             break
     assert read is not None
-    cells, blur = np.split(octave_values(read, read_smears(read.smears), k), [4], axis=-1)
-    cells, blur = (values[:rows, :columns] for values in with_flat(cells, blur, flat))
-    return SmearGrid(cells=cells, blur=blur, stride=stride, shape=(height, width), window_px=WINDOW_PX << k)
+    smears, blur = np.split(octave_values(read, read_smears(read.smears), k), [4], axis=-1)
+    smears, blur = (values[:rows, :columns] for values in with_flat(smears, blur, flat))
+    shares = marginals(read.smears, LENGTHS, math.log2(stride / STEP) - k)[:rows, :columns]
+    window_px, shape = WINDOW_PX << k, (height, width)
+    return SmearGrid(cells=smears, blur=blur, shares=shares, stride=stride, shape=shape, window_px=window_px)
 
 
-def window_stride(height: int, width: int) -> int:
-    """Return the distance of windows, pixels, at which rows of some `CELLS` in all cover a photograph."""
-    rows = max(round(math.sqrt(CELLS * height / width)), 1)
+def window_stride(height: int, width: int, cells: int = CELLS) -> int:
+    """Return the distance of windows, pixels, at which rows of some cells in all cover a photograph."""
+    rows = max(round(math.sqrt(cells * height / width)), 1)
     return max(-(-height // rows), STEP)
 
 
@@ -94,6 +105,12 @@ def _grey(image: AnyArray, gain: float) -> AnyArray:
     return np.asarray(cv2.LUT(np.ascontiguousarray(grey), table))
 
 
+def _half_grey(image: AnyArray, gain: float) -> AnyArray:
+    """Return `_grey` of a photograph, `_halved`, so that memory never holds all of it."""
+    strips = range(0, image.shape[0] // 2 * 2, STRIP_ROWS)
+    return np.concatenate([_halved(_grey(image[first : first + STRIP_ROWS], gain)) for first in strips])
+
+
 def _halved(picture: AnyArray) -> AnyArray:
     """Return the mean of every 2 x 2 pixels of a picture."""
     height, width = (side // 2 for side in picture.shape)
@@ -101,18 +118,23 @@ def _halved(picture: AnyArray) -> AnyArray:
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA))
 
 
-def _windows_about(picture: AnyArray, rows: Array, columns: Array) -> Floats:
-    """Return the windows (h, w, 96, 96) about rows (h,) and columns (w,) of a picture, mirrored beyond it."""
-    tops, lefts = (np.rint(middles - (WINDOW - 1) / 2).astype(int) for middles in (rows, columns))
-    beyond = [
-        max(-firsts[0], firsts[-1] + WINDOW - side, 0)
-        for firsts, side in zip((tops, lefts), picture.shape, strict=True)
-    ]
-    down, across = (int(border) for border in beyond)
-    padded = cv2.copyMakeBorder(picture, down, down, across, across, cv2.BORDER_REFLECT_101)
-    views = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))
-    windows = np.asarray(views[np.ix_(tops + down, lefts + across)], np.float32)
-    return np.asarray(windows / WHITE, np.float32) if picture.dtype == np.uint16 else windows
+def _windows_about(picture: AnyArray, middles: Sequence[Array], gain: float | None = None) -> Floats:
+    """Return the windows (h, w, 96, 96) about rows (h,) and columns (w,) of a picture, mirrored beyond it.
+
+    With a ``gain`` the picture is a photograph, of which `_grey` is taken.
+    """
+    lines = []
+    for middle, side in zip(middles, picture.shape[:2], strict=True):
+        firsts = np.rint(middle - (WINDOW - 1) / 2).astype(int)
+        period = max(2 * (side - 1), 1)  # of the picture and its mirror image
+        at = np.abs(firsts[:, None] + np.arange(WINDOW)) % period
+        lines.append(np.minimum(at, period - at).ravel())
+    shown = picture[lines[0]][:, lines[1]]
+    if gain is not None:
+        shown = _grey(shown, gain)
+    windows = shown.reshape(len(middles[0]), WINDOW, len(middles[1]), WINDOW).swapaxes(1, 2)
+    scale = WHITE if shown.dtype == np.uint16 else 1
+    return np.ascontiguousarray(windows, np.float32) / np.float32(scale)
 
 
 def _is_flat(windows: Floats) -> AnyArray:

@@ -33,6 +33,7 @@ LONG_PX = 12.0  # bound, octave's pixels: a finer octave adds nothing to longer 
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
 MAX_SHORT = 0.1  # bound: mean probability of shorter smears up to which the finer octave is not read
 CELL_VALUES = 5 + len(KINDS)
+LENGTHS = 32  # lengths of `SmearGrid.shares`: those of four octaves
 FLAT_PX = 33  # side of the windows in which one grey level of 255 or less shows nothing
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2  # of cells that show nothing: constant, burnt out
 

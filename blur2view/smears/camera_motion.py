@@ -56,7 +56,7 @@ class Needed(Enum):
     """What is still to be asked before a photograph's blur is named."""
 
     NOTHING = auto()
-    WINDOWS = auto()  # all windows of the photograph: a cheap look leaves the name open
+    WINDOWS = auto()  # more windows of the photograph: a cheap look leaves the name open
     MOVERS = auto()  # the networks over the picture: the cells leave open whether the camera moved
 
 
@@ -74,7 +74,7 @@ class Evidence:
     """All that is known when a photograph's blur is named; what was not asked is None."""
 
     grid: SmearGrid  # of a look at the photograph, in any stride; without kinds the camera is taken to move
-    every_window: bool = True  # whether `grid` holds all that is read for the geometry: no cheap look
+    closest: bool = True  # whether `grid` is of the closest look that is had to name the blur
     nothing_seen: str = ""  # why the photograph shows nothing: `blur.nothing_seen`
     movers: Movers | None = None
     stood_still: bool = False  # whether the fit of a geometry says that the camera did not move
@@ -84,7 +84,7 @@ class Evidence:
         """What is to be asked next."""
         if self.nothing_seen or self.movers is not None or self.grid.kinds is None:
             return Needed.NOTHING
-        if self.every_window:
+        if self.closest:
             return Needed.MOVERS if in_doubt(self.grid) else Needed.NOTHING
         return Needed.WINDOWS if in_doubt(self.grid) or is_close(self.grid) else Needed.NOTHING
 
@@ -131,6 +131,15 @@ class Evidence:
             f"{blur.smear_px or 0.0:.1f} px, no longer than their errors of {blur.smear_sigma_px:.1f} px"
         )
         return replace(blur, kind=BlurKind.CANNOT_TELL, nothing_seen=f"smears of {figures}")
+
+    def measured_on(self, grid: SmearGrid) -> Blur:
+        """Return the blur, with the length of the smear in a grid of more windows if the camera moved."""
+        blur = self.blur
+        if grid is self.grid or grid.kinds is None or not blur.kind.of_camera:
+            return blur
+        weight = np.asarray(grid.kinds[..., [SMEARED, BOTH]].sum(-1), float)
+        measured = with_length(blur, grid, weight)
+        return blur if measured.is_short else measured
 
     @property
     def _still_kinds(self) -> NDArray[np.float64]:

@@ -76,17 +76,31 @@ def read_smears(log_likelihood: Floats) -> Floats:
     ).astype(np.float32)
 
 
-def marginals(log_likelihood: Floats, lengths: int) -> Floats:
+def marginals(log_likelihood: Floats, lengths: int, octaves: float = 0.0) -> Floats:
     """Return the probabilities of 32 directions and of ``lengths`` lengths, (h, w, 32 + lengths).
 
-    Of log likelihoods (h, w, 32, bins); the last length includes all longer ones.
+    Of log likelihoods (h, w, 32, bins); the last length includes all longer ones. Lengths are those in a
+    picture which is smaller by so many ``octaves``.
     """
     likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
+    if octaves:
+        each = each @ _reduced_lengths(each.shape[-1], octaves)
     missing = [(0, 0)] * (each.ndim - 1) + [(0, max(lengths - each.shape[-1], 0))]
     each = np.pad(each, missing)
     each[..., lengths - 1] = each[..., lengths - 1 :].sum(-1)
     return np.concatenate([likelihood.sum(-1), each[..., :lengths]], axis=-1)
+
+
+def _reduced_lengths(bins: int, octaves: float) -> Floats:
+    """Return the linear map of lengths (bins,) to those in a picture which is smaller by some octaves."""
+    at = np.maximum(np.arange(bins) - PER_OCTAVE * octaves, 0.0)
+    at[0] = 0.0
+    below = at.astype(int)
+    shares = np.zeros((bins, below.max() + 2), np.float32)
+    shares[np.arange(bins), below] = 1 - (at - below)
+    shares[np.arange(bins), below + 1] = at - below
+    return shares
 
 
 def with_unseen(cells: Floats, unseen: Floats) -> Floats:

@@ -162,8 +162,8 @@ def test_a_kind_is_close_where_a_little_more_would_show_another() -> None:
 
 def test_a_look_asks_for_all_windows_and_these_for_networks_where_cells_differ() -> None:
     for every, expected in ((False, Needed.WINDOWS), (True, Needed.MOVERS)):
-        assert Evidence(grid=grid(within(2, 0)), every_window=every).needed is expected
-        assert Evidence(grid=grid(within(0, 0)), every_window=every).needed is Needed.NOTHING
+        assert Evidence(grid=grid(within(2, 0)), closest=every).needed is expected
+        assert Evidence(grid=grid(within(0, 0)), closest=every).needed is Needed.NOTHING
 
 
 def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:

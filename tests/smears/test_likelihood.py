@@ -9,6 +9,7 @@ from blur2view.smears.likelihood import (
     LABEL_SPREAD,
     PER_OCTAVE,
     SHORTEST_PX,
+    marginals,
     read_smears,
     with_unseen,
 )
@@ -69,3 +70,11 @@ def test_an_unseen_smear_may_have_any_direction() -> None:
     *_, sigma_px, sigma_rad = with_unseen(cells, np.ones((1, 1), np.float32))[0, 0]
     assert sigma_px > 5
     assert np.isclose(sigma_rad, np.std(np.linspace(-np.pi / 2, np.pi / 2, 10001)), rtol=1e-3)
+
+
+@pytest.mark.parametrize("octaves", [-0.5, 0.25, 1.0, 1.4])
+def test_marginals_are_those_of_a_picture_which_is_smaller_by_octaves(octaves: float) -> None:
+    found = marginals(np.log(label(12, 40) + 1e-9)[None, None], 32, octaves)[0, 0]
+    np.testing.assert_allclose([found[:DIRECTIONS].sum(), found[DIRECTIONS:].sum()], 1, rtol=1e-4)
+    mean = float(found[DIRECTIONS:] @ np.arange(32))
+    assert mean == pytest.approx(1 + PER_OCTAVE * (np.log2(12 / SHORTEST_PX) - octaves), abs=0.05)
