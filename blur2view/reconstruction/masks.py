@@ -1,7 +1,7 @@
 """Masks of what moves by itself in the frames of a scene, under the names that programs look for."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 
 import cv2
@@ -37,17 +37,24 @@ def write_masks(
     instant-ngp's. What moves in one of ``consecutive`` frames does so in the one before or after it, too,
     else it is a mistake. ``work`` keeps what is done of a call that was ended.
     """
-    for done, name in enumerate(names):
+    found: dict[str, bytes] = {}
+    for done, k in enumerate(sorted(range(len(names)), key=lambda k: consecutive and k % 2)):
         show(done, len(names))
-        if (kept := work / MaskFormat.COLMAP.path(PurePath(name))).is_file():
+        name, kept = names[k], work / MaskFormat.COLMAP.path(PurePath(names[k]))
+        if consecutive and k % 2 and _all_still(found[other] for other in names[k - 1 : k + 2 : 2]):
+            # what moved here alone would be a mistake: half of the frames of a still scene are not segmented
+            size = read_picture(scene / images / name, as_stored=True).size
+            found[name] = png(np.full(size[::-1], 255, np.uint8))
             continue
-        pixels = read_picture(scene / images / name, as_stored=True).pixels
-        mask = segment(estimate(pixels, network=network, geometry=False), pixels)
-        write_file(kept, png(MaskFormat.COLMAP.picture(mask.labels)))
-    found = {name: read_regular(work / MaskFormat.COLMAP.path(PurePath(name))) for name in names}
+        if not kept.is_file():
+            pixels = read_picture(scene / images / name, as_stored=True).pixels
+            mask = segment(estimate(pixels, network=network, geometry=False), pixels)
+            write_file(kept, png(MaskFormat.COLMAP.picture(mask.labels)))
+        found[name] = read_regular(kept)
+    found = {name: found[name] for name in names}
     if consecutive:
         found = dict(_confirmed(found))
-    if all(_decoded(mask).all() for mask in found.values()):
+    if _all_still(found.values()):
         return []
     paths = {f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(name))}": found[name] for name in names}
     short = {name: f"{MASKS}/{MaskFormat.NERFSTUDIO.path(PurePath(name))}" for name in names}
@@ -79,6 +86,11 @@ def _confirmed(masks: Mapping[str, bytes]) -> Iterator[tuple[str, bytes]]:
                 near |= _grown(other)
         real = np.isin(parts, np.unique(parts[near & moving]))
         yield name, png(np.where(moving & real, 0, 255).astype(np.uint8))
+
+
+def _all_still(masks: Iterable[bytes]) -> bool:
+    """Return whether nothing moves in any of these masks."""
+    return all(_decoded(mask).all() for mask in masks)
 
 
 def _decoded(mask: bytes) -> AnyArray:

@@ -415,17 +415,25 @@ def test_a_scene_in_which_nothing_moves_has_no_masks(
     assert not (scene / MASKS).exists()
 
 
-@pytest.mark.parametrize(("count", "masked"), [(1, 0), (2, 7)])
+@pytest.mark.parametrize(("first", "count", "masked"), [(2, 1, 0), (3, 1, 0), (2, 2, 7), (3, 2, 7)])
 def test_what_moves_in_one_of_consecutive_frames_alone_is_a_mistake(
-    whole: Reconstruction, moving: set[str], tmp_path: Path, count: int, masked: int
+    whole: Reconstruction, moving: set[str], tmp_path: Path, first: int, count: int, masked: int
 ) -> None:
-    moving |= set(PLANE.names[2 : 2 + count])
+    moving |= set(PLANE.names[first : first + count])
     scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
     write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork(), consecutive=True)
     assert len(list(scene.glob(f"{MASKS}/*.png.png"))) == masked
     for name in PLANE.names if masked else ():
         hidden = np.array(Image.open(scene / MASKS / f"{name}.png")) == 0
         assert hidden.sum() == (600 if name in moving else 0)
+
+
+def test_half_of_the_consecutive_frames_of_a_still_scene_are_segmented(
+    whole: Reconstruction, moving: set[str], tmp_path: Path
+) -> None:
+    work = tmp_path / "work"
+    assert write_masks(whole.folder, "images", PLANE.names, work, SmearNetwork(), consecutive=True) == []
+    assert {path.name for path in work.iterdir()} == {f"{name}.png" for name in PLANE.names[::2]}
 
 
 @pytest.mark.parametrize("dialect", ["nerfstudio", "instant-ngp"])
