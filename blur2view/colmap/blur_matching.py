@@ -7,6 +7,7 @@ are twice as large.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -18,7 +19,7 @@ from blur2view.arrays import TINY, Array
 GAMMA = 2.2  # of stored pixels
 WHITE_QUANTILE, MAX_GAIN = 0.98, 20.0  # of the pixels of a photograph, and of its brightening
 HALF_PATCH = 14  # pixels; patches of 29 px
-SAMPLE_STEP = 2  # pixels between samples of a patch where two are compared
+SAMPLE_STEP = 3  # pixels between samples of a patch where two are compared
 SAMPLE_PX, MAX_SAMPLES = 1.5, 24  # of a smear's length between samples of the blur, and their number
 MIN_BLUR_PX = 0.5  # shorter smears are not applied
 LENGTH_QUANTILE = 0.97  # of a picture's smears, to which longer ones are shortened
@@ -42,6 +43,13 @@ def linear_light(image: Any) -> Any:
     return light * np.float32(255 * min(MAX_GAIN, 1 / max(white, TINY)))
 
 
+@lru_cache(8)
+def pixels_of(width: int, height: int, step: int = 1) -> Any:
+    """Return the pixels (H, W, 2) of a picture over a step, float32, which nobody may change."""
+    columns, rows = (np.arange(side, dtype=np.float32) / np.float32(step) for side in (width, height))
+    return np.dstack(np.meshgrid(columns, rows))
+
+
 def resampled(image: Any, pixels: Any, how: int = cv2.INTER_LINEAR) -> Any:
     """Return an image (H, W, ...) at the pixels of a map (h, w, 2), float32: (h, w, ...), mirrored beyond."""
     remap: Any = cv2.remap  # whose stubs want two maps
@@ -55,21 +63,24 @@ def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False
     The list holds this image and, with ``moments``, those whose samples are weighted by t and t^2.
     """
     height, width = image.shape[:2]
-    pixels = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))
     length = np.hypot(path[..., 0], path[..., 1])
     longest = float(np.quantile(length[::8, ::8], LENGTH_QUANTILE))
+    if longest <= MIN_BLUR_PX:
+        return [image, *(np.zeros_like(image, np.float32) for _ in range(2 * moments))]
+    pixels = pixels_of(width, height)
     path = path * np.minimum(1, np.float32(longest) / np.maximum(length, np.float32(TINY)))[..., None]
-    count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MAX_SAMPLES)) if longest > MIN_BLUR_PX else 1
+    count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MAX_SAMPLES))
     sums = [np.zeros_like(image, np.float32) for _ in range(3 if moments else 1)]
-    shifted = np.empty_like(pixels)
+    remap: Any = cv2.remap  # whose stubs want two maps
+    shifted, sample = np.empty_like(pixels), np.empty_like(image, np.float32)
     for t in (np.arange(count, dtype=np.float32) + 0.5) / np.float32(count) - np.float32(0.5):
         cv2.scaleAdd(path, -t, pixels, shifted)
         if bend is not None:
             cv2.scaleAdd(bend, -t * t, shifted, shifted)
-        sample = resampled(image, shifted)
+        remap(image, shifted, None, cv2.INTER_LINEAR, sample, cv2.BORDER_REFLECT)
         for power, total in enumerate(sums):
-            cv2.scaleAdd(sample, t**power, total, total)
-    return [total / np.float32(count) for total in sums]
+            cv2.scaleAdd(sample, t**power / np.float32(count), total, total)
+    return sums
 
 
 def equalised(image: Any) -> Any:
@@ -98,14 +109,16 @@ def tracked(first: Any, second: Any, points: Array, guess: Array, levels: int) -
 def patches(image: Any, points: Array) -> Any:
     """Return patches (N, M, ...) of an image about points (N, 2), less their mean, float32."""
     steps = np.arange(-HALF_PATCH, HALF_PATCH + 1, SAMPLE_STEP, dtype=np.float32)
+    steps -= steps.mean()
     offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     values = resampled(image, np.asarray(points, np.float32)[:, None] + offsets)
-    return values - values.mean(axis=1, keepdims=True)
+    values -= values.mean(axis=1, keepdims=True)
+    return values
 
 
-def gradients(image: Any) -> Any:
-    """Return the derivatives of an image by x and y, (H, W, 2)."""
-    return np.dstack([cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1))])
+def gradients(image: Any) -> list[Any]:
+    """Return the derivatives of an image by x and y, each (H, W)."""
+    return [cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1))]
 
 
 def match_patches(
@@ -122,15 +135,20 @@ def match_patches(
     back_again = np.linalg.norm(moved + back, axis=1) < MAX_ROUND_TRIP_PX
     moved = np.where(back_again[:, None], moved, 0.0)
     first, second = first.astype(np.float32), second.astype(np.float32)
-    here, there = patches(first, points), patches(second, points + moved)
-    energy, other_energy = (here * here).sum(axis=1), (there * there).sum(axis=1)
-    correlation = (here * there).sum(axis=1) / np.sqrt(energy * other_energy + 1.0)
+    both, there = patches(cv2.merge([first, *gradients(first)]), points), patches(second, points + moved)
+    here, slope = both[..., 0], both[..., 1:]
+    energy, other_energy = (_dot(one, one) for one in (here, there))
+    correlation = _dot(here, there) / np.sqrt(energy * other_energy + 1.0)
     variance = np.maximum(energy * (1 - correlation**2) / here.shape[1], 1.0)
-    slope = patches(gradients(first), points)
-    information = np.einsum("npi,npj->nij", slope, slope) * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
+    information = np.swapaxes(slope, 1, 2) @ slope * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
     # differences are smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
     return moved, covariance, back_again & (correlation > MIN_CORRELATION)
+
+
+def _dot(one: Any, other: Any) -> Any:
+    """Return the inner products (N,) of patches (N, M)."""
+    return np.einsum("nm,nm->n", one, other).astype(float)
 
 
 def blur_equations(blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> Array:
@@ -140,18 +158,19 @@ def blur_equations(blurred: Sequence[Any], other: Any, points: Array, moved: Arr
     of path and bend: ``blurred`` are weighted by 1, t, t^2, ``flow`` (N, 2, 6) is that of the points. Gain
     and displacement of each patch are free, and projected out.
     """
-    here, there = patches(blurred[0], points), patches(other, points + moved)
-    slope, by_path, by_bend = (
-        patches(gradients(np.ascontiguousarray(picture)), points) for picture in blurred
-    )
-    change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
-    free = np.concatenate([here[..., None], slope], axis=-1)
-    free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6
+    picture, by_t, by_t2 = blurred
+    there = patches(other, points + moved)[..., None]
+    free = patches(cv2.merge([picture, *gradients(picture)]), points)  # (N, M, 3)
+    slopes = patches(cv2.merge([*gradients(by_t), *gradients(by_t2)]), points)
+    flow = flow.astype(np.float32)
+    change = -np.concatenate([slopes[..., :2] @ flow, slopes[..., 2:] @ flow[:, :, :3]], axis=-1)
+    contrast = free[..., 0].std(axis=1)
+    free = free / (np.linalg.norm(free, axis=1, keepdims=True) + 1e-6)
     basis, _ = np.linalg.qr(free)
     across = np.swapaxes(basis, 1, 2)
-    change = change - basis @ (across @ change)
-    missed = there - (basis @ (across @ there[..., None]))[..., 0]
-    variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
-    weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
-    normal = np.tensordot(weighted, change, ((0, 1), (0, 1)))
-    return np.column_stack([normal, np.tensordot(weighted, missed, ((0, 1), (0, 1)))])
+    rows = np.concatenate([change, there], axis=-1)  # (N, M, 10)
+    rows -= basis @ (across @ rows)
+    variance = (0.1 * contrast) ** 2 + (rows[..., 9] ** 2).mean(axis=1) + 1e-6
+    rows /= np.sqrt(variance * (HALF_PATCH / SAMPLE_STEP))[:, None, None]
+    every = rows.reshape(-1, 10).astype(float)
+    return np.asarray(every[:, :9].T @ every)

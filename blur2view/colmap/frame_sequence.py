@@ -42,7 +42,7 @@ SURE_FOUND = 0.5  # share of the points in the picture
 # These and SPLINE_TAIL by likelihood and coverage of 11 rendered frames, runs of 3 of
 # tools.evaluation.recovered with shakes of 10 and 30 px, and of RedKitchen's runs of 3 with smears of 6 to
 # 53 px and of 6 at 38 px: 90 % hold at 90 %
-INDEPENDENT_SHARE = 0.007  # share of the matches: a point is found in several neighbours, and patches overlap
+INDEPENDENT_SHARE = 0.01  # share of the matches: a point is found in several neighbours, and patches overlap
 KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur leaves in a pose
 BEND_ERROR = 0.04  # the same, relative to the bend
 MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
@@ -80,6 +80,7 @@ class FrameSequence:
         self.recovered = dict[str, RecoveredFrame]()
         self.refused = dict[str, str]()  # the reason
         self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
+        self._observed = lru_cache(len(names))(self._read_observed)
         if len(self.images) < 2:
             count = f"has {len(self.images)} of the {len(names)} frames in {folder}"
             raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
@@ -169,7 +170,7 @@ class FrameSequence:
         view = self.view(name, expected.pose)
         neighbours = [self.view(neighbour) for neighbour in near]
         seen = [self.observed_points(neighbour) for neighbour in near]
-        ids = np.array(sorted(set().union(*seen)))
+        ids = np.array(sorted(frozenset().union(*seen)))
         masks = [np.isin(ids, list(points)) for points in seen]
         world = self.world(ids)
         found = find_pose(view, neighbours, world, masks, expected.motion)
@@ -182,7 +183,8 @@ class FrameSequence:
             raise ImageError(TOO_FEW if found is None else reason)
         # recovered frames, which erred with this one, would be counted twice: of runs of 6 in RedKitchen
         # regions of 90 % held 0.48 with them, and 0.69 without
-        pose, covariance = weighted_mean(found, self.expected(name, self.images))
+        known = expected if len(self.poses) == len(self.images) else self.expected(name, self.images)
+        pose, covariance = weighted_mean(found, known)
         scale = view.grid.size[0] / view.camera.width
         return RecoveredFrame(
             pose=pose,
@@ -193,9 +195,12 @@ class FrameSequence:
             residual_px=found.residual_px * scale,
         )
 
-    def observed_points(self, name: str) -> set[int]:
+    def observed_points(self, name: str) -> frozenset[int]:
         """Return the ids of the points that a registered frame sees, or the nearest one to a frame."""
-        return set(observed(self.model, self.images[self.near(name)[0]]).values())
+        return self._observed(self.near(name)[0])
+
+    def _read_observed(self, name: str) -> frozenset[int]:
+        return frozenset(observed(self.model, self.images[name]).values())
 
     def world(self, ids: Iterable[int]) -> Array:
         """Return points (N, 3) by their ids."""

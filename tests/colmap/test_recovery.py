@@ -16,7 +16,7 @@ import pytest
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera import to_colmap
 from blur2view.colmap import recovery_run
-from blur2view.colmap.blurred_pose import BlurredPose
+from blur2view.colmap.blurred_pose import BlurredPose, _shared_out
 from blur2view.colmap.blurred_tracks import check_project, track_frames
 from blur2view.colmap.frame_sequence import (
     INDEPENDENT_SHARE,
@@ -131,6 +131,18 @@ def test_large_frames_are_worked_on_smaller(
     world = np.array([whole.model.points3D[int(number)].xyz for number in found.points])
     missed = found.pixels - PLANE.seen(found.pose, world)
     np.testing.assert_allclose(np.median(missed, axis=0), 0, atol=0.08)  # half a pixel of neither size
+
+
+@pytest.mark.parametrize(
+    ("patches", "points", "each"), [(300, 300, 1), (1200, 1200, 1), (2400, 1200, 2), (9999, 1200, 4)]
+)
+def test_patches_are_shared_out_among_points_and_neighbours(patches: int, points: int, each: int) -> None:
+    seen = np.zeros((5, 1500), bool)
+    seen[:4, 300:] = True  # the fifth neighbour sees nothing, and nobody sees the first points
+    searched = _shared_out(seen, patches)
+    assert not (searched & ~seen).any()
+    assert (searched.any(axis=0).sum(), searched.sum(axis=0).max()) == (points, each)
+    assert np.ptp(searched[:4].sum(axis=1)) <= 1  # neighbours take turns
 
 
 def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
