@@ -7,41 +7,35 @@ the pose is that of mid exposure. The centroid of the blur lies 0.15 degrees fro
 with smears of 52 px.
 
 A *motion* (9,) is a rotation vector (3,) and a translation (3,) of points times t, and a rotation vector
-(3,), the bend, times t^2, with t from -1/2 at shutter-open to 1/2. Cameras are pycolmap's, of any model:
-derivatives of projections are differences.
+(3,), the bend, times t^2, with t from -1/2 at shutter-open to 1/2.
 """
 
 from collections.abc import Sequence
-from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array, Mask
-from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.blur_matching import (
-    blur_equations,
-    blurred_along,
-    equalised,
-    match_patches,
-    pixels_of,
-    resampled,
+from blur2view.camera import normalised_points
+from blur2view.colmap.blur_matching import blur_equations, blurred_along, equalised, match_patches, resampled
+from blur2view.colmap.warped_view import (
+    FLOOR_SIGMA_PX,
+    View,
+    Warp,
+    everywhere,
+    image_flow,
+    in_picture,
+    projected,
+    same_sense,
+    surface_points,
+    warp_to,
 )
 from blur2view.exposure.trajectory import changed
-from blur2view.geometry.epipolar import cross_matrix
-from blur2view.images.pixels import from_resized
-from blur2view.smears.grid import SmearGrid
 
-CELL = 8  # pixels of the lattice on which the warp and the blur are computed
-NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depths are averaged; weights are 1 / (distance + this)^2
-BORDER_PX = 3.0  # points nearer to the border are not used
-FAR_PX = 1e4  # bound of the warp and the blur: cv2.remap mirrors what is far outside again and again
 MAX_WARP_PX = 6.0  # between the projection of a point into a neighbour and the warp by the smooth depth
-FLOOR_SIGMA_PX = 0.3  # of smears, and of pixels beside what the patch itself says
 KERNEL_SIGMA = 0.3  # of a correction of the motion, relative to its rotation
 MIN_POSE_POINTS = 6  # of a pose
 SEARCH_SCALE = 0.25  # of the working size, where a pose is searched
@@ -62,40 +56,6 @@ class Round(NamedTuple):
 # 0.56, without the second round 0.136 and 0.60, and with 400 patches in the last one 0.158 and 0.73.
 ROUNDS = Round(0.5, 2, 300), Round(0.5, 1, 600), Round(1.0, 0, 3000)
 LEAST_SIDE = 320  # pixels, of the longer side of a reduced picture
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class View:
-    """A photograph at the size at which it is worked on."""
-
-    image: Any  # (H, W) float32, grey, linear light
-    grid: SmearGrid  # smears of the photograph in its own size
-    camera: Any  # pycolmap.Camera of the working size
-    pose: Array  # (3, 4) cam_from_world, known or expected
-
-    def smears(self, points: Array) -> tuple[Array, Array]:
-        """Return displacements (N, 2) and standard deviations (N,) at pixels (N, 2), of the working size."""
-        scale = self.camera.width / self.grid.size[0]
-        smears = self.grid.at(from_resized(points, scale))
-        return smears.displacement * scale, np.maximum(smears.sigma_px * scale, FLOOR_SIGMA_PX)
-
-    def scaled(self, scale: float) -> "View":
-        """Return the view in another size."""
-        if scale == 1:
-            return self
-        size = round(self.camera.width * scale), round(self.camera.height * scale)
-        camera = deepcopy(self.camera)
-        camera.rescale(*size)
-        image = cv2.resize(self.image, size, interpolation=cv2.INTER_AREA)
-        return replace(self, image=image, camera=camera)
-
-    def points(self, world: Array) -> Array:
-        """Return points (N, 3) of the world in this camera's frame."""
-        return np.asarray(world @ self.pose[:, :3].T + self.pose[:, 3])
-
-    def project(self, world: Array) -> Array:
-        """Return the pixels (N, 2) of points (N, 3) of the world, NaN behind the camera."""
-        return projected(self.camera, self.points(world))
 
 
 class BlurredPose(NamedTuple):
@@ -120,7 +80,7 @@ def find_pose(
     frame interval.
     """
     pixels = view.project(world)
-    inside = _inside(view.camera, pixels)
+    inside = in_picture(view.camera, pixels)
     if inside.sum() < MIN_POSE_POINTS:
         return None
     flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
@@ -150,26 +110,6 @@ def find_pose(
     )
 
 
-def projected(camera: Any, points: Array) -> Array:
-    """Project points (N, 3) in the camera's frame to pixels (N, 2); NaN behind it.
-
-    (0, 0) is the centre of the top-left pixel.
-    """
-    pixels = from_colmap(np.asarray(camera.img_from_cam(points), float).reshape(-1, 2))
-    return np.where(points[:, 2:] > 0, pixels, np.nan)
-
-
-def image_flow(camera: Any, points: Array) -> Array:
-    """Return the derivatives (N, 2, 6) of pixels of points (N, 3) by their rotation and translation."""
-    step = 1e-4 * points[:, 2:]
-    slopes = [
-        (projected(camera, points + step * axis) - projected(camera, points - step * axis)) / (2 * step)
-        for axis in np.eye(3)
-    ]
-    slope = np.stack(slopes, axis=-1)
-    return np.concatenate([-slope @ cross_matrix(points), slope], axis=-1)
-
-
 def pose_at(t: float, pose: Array, motion: Array) -> Array:
     """Return cam_from_world (3, 4) at a time t of an exposure, by its motion (9,) from mid exposure."""
     return changed(pose, np.append(motion[:3] * t + motion[6:] * t * t, motion[3:6] * t))
@@ -194,11 +134,6 @@ def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Arr
     return -motion if motion[:3] @ expected[:3] < 0 else motion
 
 
-def same_sense(vectors: Array, reference: Array) -> Array:
-    """Return vectors (N, 2), reversed where they run against a reference (N, 2)."""
-    return np.asarray(vectors * np.where((vectors * reference).sum(axis=1) < 0, -1.0, 1.0)[:, None])
-
-
 def fit_pose(camera: Any, pose: Array, world: Array, pixels: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the pose (3, 4) of points (N, 3) at pixels (N, 2), by Cauchy's weights, and its information.
 
@@ -220,14 +155,6 @@ def fit_pose(camera: Any, pose: Array, world: Array, pixels: Array, covariance: 
         if np.abs(step[:3]).max() < CONVERGED_RAD:
             break
     return pose, normal
-
-
-def inverse_depth_at(at: Array, pixels: Array, depth: Array) -> Array:
-    """Return smooth inverse depths (N,) at pixels (N, 2) from depths (M,) of points at pixels (M, 2)."""
-    near, index = cKDTree(pixels).query(at, k=min(NEAREST, len(pixels)))
-    near, index = near.reshape(len(at), -1), index.reshape(len(at), -1)
-    weight = 1 / (near + SMOOTH_PX) ** 2
-    return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
 
 
 class _Matches(NamedTuple):
@@ -258,7 +185,7 @@ def _find_matches(
 ) -> _Matches | None:
     """Return the points (N, 3) of the world that are found in a view; None of fewer than a pose needs."""
     pixels = view.project(world)
-    inside = _inside(view.camera, pixels)
+    inside = in_picture(view.camera, pixels)
     if not inside.any():
         return None
     warps, pictures = _blurred_alike(view, neighbours, world[inside], motion, moments=step.levels > 0)
@@ -277,18 +204,18 @@ def _find_matches(
 
 def _blurred_alike(
     view: View, neighbours: Sequence[View], world: Array, motion: Array, *, moments: bool
-) -> tuple[list["_Warp"], list[list[Any]]]:
+) -> tuple[list[Warp], list[list[Any]]]:
     """Return neighbours at the pixels of a view, and their pictures blurred as the view is.
 
     A motion (w, v, b) smears a pixel along path t + bend t^2, where path = J (w, v), bend = J_w b, and J =
     (J_w, J_v) is the `image_flow` (2, 6) of the surface through the points (N, 3) of the world. Each
     neighbour has a picture, and with ``moments`` also those weighted by t and t^2 (`blurred_along`).
     """
-    surface = _surface(view, world)
+    surface = surface_points(view, world)
     J = image_flow(view.camera, surface)
     path, bend = J @ motion[:6], J[:, :, :3] @ motion[6:]
-    warps = [_warp(neighbour, view, surface, path) for neighbour in neighbours]
-    fields = _everywhere(view.camera, path), _everywhere(view.camera, bend) if bend.any() else None
+    warps = [warp_to(neighbour, view, surface, path) for neighbour in neighbours]
+    fields = everywhere(view.camera, path), everywhere(view.camera, bend) if bend.any() else None
     every = cv2.merge([warp.picture for warp in warps]).reshape(*warps[0].picture.shape, len(warps))
     blurred = blurred_along(every, *fields, moments=moments)
     of_each = [[np.ascontiguousarray(one[..., k]) for one in blurred] for k in range(len(warps))]
@@ -298,7 +225,7 @@ def _blurred_alike(
 def _match(
     view: View,
     neighbour: View,
-    warp: "_Warp",
+    warp: Warp,
     pictures: Sequence[Any],
     numbers: NDArray[np.int_],
     at: Array,
@@ -328,11 +255,11 @@ def searched_pose(view: View, neighbour: View, world: Array) -> Array | None:
     Phase correlation of both pictures finds steps of a third of the picture.
     """
     here, there = view.scaled(SEARCH_SCALE), neighbour.scaled(SEARCH_SCALE)
-    inside = _inside(here.camera, here.project(world))
+    inside = in_picture(here.camera, here.project(world))
     if not inside.any():
         return None
-    surface = _surface(here, world[inside])
-    warped = _warp(there, here, surface, np.zeros((len(surface), 2))).picture
+    surface = surface_points(here, world[inside])
+    warped = warp_to(there, here, surface, np.zeros((len(surface), 2))).picture
     first, second = (np.asarray(equalised(picture), np.float32) for picture in (warped, here.image))
     window: Any = cv2.createHanningWindow(first.shape[::-1], cv2.CV_32F)
     shift, _ = cv2.phaseCorrelate(first, second, window)
@@ -343,59 +270,6 @@ def searched_pose(view: View, neighbour: View, world: Array) -> Array | None:
     sine = float(np.linalg.norm(axis))
     turn = axis * np.arctan2(sine, before @ after) / (sine + TINY)
     return changed(view.pose, np.append(turn, np.zeros(3)))
-
-
-def _surface(view: View, world: Array) -> Array:
-    """Return points (h w, 3) in a view's frame at its lattice, as deep as points (N, 3) nearby."""
-    points, lattice = view.points(world), _lattice(view.camera)
-    depth = 1 / inverse_depth_at(lattice, projected(view.camera, points), points[:, 2])
-    rays = np.column_stack([normalised_points(view.camera, lattice), np.ones(len(lattice))])
-    return np.asarray(np.nan_to_num(rays) * depth[:, None])
-
-
-def _inside(camera: Any, pixels: Array) -> Mask:
-    """Return which pixels (N, 2) lie in a camera's picture, `BORDER_PX` or more from its border."""
-    last = np.array([camera.width, camera.height]) - 1
-    return np.asarray(np.all((pixels > BORDER_PX) & (pixels < last - BORDER_PX), axis=1))
-
-
-def _lattice(camera: Any) -> Array:
-    """Return pixels (h w, 2) in rows, every `CELL` pixels, that cover a camera's picture."""
-    x, y = (np.arange(0, side + CELL, CELL, dtype=float) for side in (camera.width, camera.height))
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-
-
-def _in_rows(camera: Any, field: Array) -> Array:
-    """Return a field (h w, C) on the lattice as (h, w, C)."""
-    return field.reshape(-(-camera.height // CELL) + 1, -(-camera.width // CELL) + 1, -1)
-
-
-def _everywhere(camera: Any, field: Array) -> Any:
-    """Return a field (h w, C) on the lattice at all pixels, (H, W, C), float32, within `FAR_PX`."""
-    near = np.clip(_in_rows(camera, field), -FAR_PX, FAR_PX).astype(np.float32)
-    return resampled(near, pixels_of(camera.width, camera.height, CELL))
-
-
-class _Warp(NamedTuple):
-    """A neighbour at the pixels of a view."""
-
-    picture: Any  # (H, W) float32
-    pixels: Any  # (H, W, 2) float32 of the neighbour
-    smears: Any  # (H, W, 2) float32 of the neighbour, in pixels of the view and the sense of its path
-
-
-def _warp(neighbour: View, view: View, surface: Array, path: Array) -> _Warp:
-    """Warp a neighbour to a view."""
-    R = neighbour.pose[:, :3] @ view.pose[:, :3].T
-    t = neighbour.pose[:, 3] - R @ view.pose[:, 3]
-    where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
-    rows = _in_rows(view.camera, where)
-    jacobian = np.stack([np.gradient(rows, CELL, axis=axis) for axis in (1, 0)], axis=-1).reshape(-1, 2, 2)
-    own = neighbour.smears(where)[0][..., None]
-    smears = np.asarray(np.linalg.solve(jacobian + 1e-6 * np.eye(2), own)[..., 0], float)
-    pixels = _everywhere(view.camera, where)
-    picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
-    return _Warp(picture, pixels, _everywhere(view.camera, same_sense(smears, path)))
 
 
 def _corrected(motion: Array, equations: Array, expected: Array) -> Array:

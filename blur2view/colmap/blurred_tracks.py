@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera import normalised_points, to_colmap
-from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
+from blur2view.colmap.blurred_pose import find_pose
 from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.project import check_schema, image_names, open_read_only, read_camera, read_keypoints
+from blur2view.colmap.warped_view import View, inverse_depth_at
 from blur2view.files import half_written
 from blur2view.images.pixels import to_resized
 

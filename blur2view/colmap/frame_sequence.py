@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.colmap.blur_matching import linear_light
-from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at, searched_pose
+from blur2view.colmap.blurred_pose import BlurredPose, find_pose, pose_at, searched_pose
 from blur2view.colmap.models import observed, read_model, registered_images
+from blur2view.colmap.warped_view import View
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, changed, relative_motion

@@ -14,11 +14,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from blur2view.camera import to_colmap
-from blur2view.colmap.blurred_pose import pose_at, projected
+from blur2view.colmap.blurred_pose import pose_at
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from blur2view.colmap.models import DatabaseIds, add_image, read_ids, registered_images
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints
 from blur2view.colmap.recovery_run import Notes, recover_all
+from blur2view.colmap.warped_view import projected
 from blur2view.exposure.sequence import frame_names
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.networks.smear_network import SmearNetwork, SmearReader

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blur_matching import GAMMA
-from blur2view.colmap.blurred_pose import projected
+from blur2view.colmap.warped_view import projected
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from tests.support.walks import Shot, model_of, on_plane
