@@ -25,7 +25,7 @@ from blur2view.processes import not_started, processes
 from blur2view.records.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
-READ_AHEAD = 2  # bound; jobs that are read before they are begun
+READ_AHEAD = 1  # bound; jobs that are read before they are begun, besides the one that is being read
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 """Errors after which the files of the next photograph could not be written either."""
 T = TypeVar("T")
@@ -179,6 +179,7 @@ def _in_order(
                 waiting.append((replace(job, beside={}), outcome))
                 while len(waiting) > (slots() if job.neighbours else 0):
                     begin()
+                del job
                 while len(pending) >= slots():
                     yield oldest()
         while waiting:
@@ -243,6 +244,7 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
         try:
             for item in items:
                 made.put((True, item))
+                del item  # which may be a large frame, while the next is made
                 if unwanted.is_set():
                     return
             made.put((False, None))
@@ -252,7 +254,10 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
     threading.Thread(target=make).start()
     try:
         while (pair := made.get())[0]:
-            yield pair[1]
+            item = pair[1]
+            del pair
+            yield item
+            del item
         if pair[1] is not None:
             raise pair[1]
     finally:
@@ -263,19 +268,25 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
 
 
 def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | None]]:
-    """Yield jobs that have been read, and of those that were done before, or cannot be read, the outcome."""
-    cut = set[Path]()  # videos that are cut off
-    for job in jobs:
-        try:
-            job = _identified(job)
-            outcome = find(job)
-            yield (_read(job), None) if outcome is None else (replace(job, content=None), outcome)
-        except Blur2ViewError as error:
-            if isinstance(error, EndOfVideo):
-                if error.whole or job.source.path in cut:
-                    continue
-                cut.add(job.source.path)
-            yield job, _failed(job.name, error)
+    """Return an iterator over jobs that have been read, each forgotten once it is passed on.
+
+    With those that were done before, or cannot be read, comes the outcome.
+    """
+    return filter(None, map(partial(_begin, find, set[Path]()), jobs))
+
+
+def _begin(find: Find, cut: set[Path], job: Job) -> tuple[Job, Outcome | None] | None:
+    """Read a job; None of a frame that was never recorded, or of a video among those that are ``cut`` off."""
+    try:
+        job = _identified(job)
+        outcome = find(job)
+        return (_read(job), None) if outcome is None else (replace(job, content=None), outcome)
+    except Blur2ViewError as error:
+        if isinstance(error, EndOfVideo):
+            if error.whole or job.source.path in cut:
+                return None
+            cut.add(job.source.path)
+        return job, _failed(job.name, error)
 
 
 def _identified(job: Job) -> Job:

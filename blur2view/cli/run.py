@@ -149,6 +149,7 @@ class Run:
                         self.outcomes.append((replace(job, content=None), outcome))
                         shown(self, outcome)
                         show(places[job.source], count)
+                        del job  # with its content
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
         except (RunError, OutputError) as error:

@@ -48,9 +48,9 @@ LIST = """
     The folder must be empty or new, or hold the files of an earlier call of this kind; files that are no
     longer kept are removed
 --every-best: one of every N neighbours in a video or folder is kept, in the order of their names. Without
-    --csv this option, and --best for videos, look once, and only at the third with the most gradient energy
-    among up to 12 neighbours, so that the kind of blur is less sure than in the table; the others have no
-    line
+    --csv this option, and --best for videos, look once, and only at the quarter with the most gradient
+    energy among up to 12 neighbours, two at least, so that the kind of blur is less sure than in the table;
+    the others have no line. Of what is looked at, the width of the blur over the gradient energy decides
 """
 
 

@@ -16,7 +16,6 @@ from blur2view.errors import ImageError
 # Videos that OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
-FRAMES_KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: up to a second, or a quarter of the frames, that lacks at the end was
 # never recorded (bound).
 TAIL_S, TAIL_SHARE = 1.0, 0.25
@@ -137,44 +136,42 @@ def read_video(
 
 def frame_time(video: Path, number: int) -> float | None:
     """Return the time of a frame, seconds, None where the video states none; raises as `read_frame`."""
-    _reader(video).read(number)
-    return _reader(video).recent[number][1]
+    return _reader(video).time_s(number)
 
 
 class _Reader:
-    """A video that is read forwards, as seeking is not exact with every codec; the last frames are kept."""
+    """A video that is read forwards, as seeking is not exact with every codec."""
 
     def __init__(self, video: Path) -> None:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.count = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))  # as announced
         self.rate = float(self.capture.get(cv2.CAP_PROP_FPS))  # frames a second, 0 if unknown
-        self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame (H, W, 3), BGR."""
-        if number in self.recent:
-            return self.recent[number][0]
-        if number < self.position:
+        self._go_to(number)
+        read, pixels = self.capture.retrieve()
+        if not read:
+            raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
+        return np.asarray(pixels, np.uint8)
+
+    def time_s(self, number: int) -> float | None:
+        """Return the time of a frame by its stamp, or else by the frames a second."""
+        self._go_to(number)
+        stamp_s = float(self.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
+        if number == 0 or stamp_s > 0:
+            return max(stamp_s, 0.0)
+        return number / self.rate if self.rate > 0 else None
+
+    def _go_to(self, number: int) -> None:
+        """Make a frame the current one, whose pixels are converted when it is read."""
+        if number < self.position - 1 or (self.ended and number < self.position):
             self.capture, self.position, self.ended = _opened(self.video), 0, False
         while self.position <= number:
             if self.ended or not self.capture.grab():
                 self.ended = True  # frames behind damage have no known number
                 raise self._end(number)
             self.position += 1
-        read, pixels = self.capture.retrieve()
-        if not read:
-            raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
-        self.recent[number] = np.asarray(pixels, np.uint8), self._time_s(number)
-        for oldest in list(self.recent)[:-FRAMES_KEPT]:
-            del self.recent[oldest]
-        return self.recent[number][0]
-
-    def _time_s(self, number: int) -> float | None:
-        """Return the time of the current frame by its stamp, or else by the frames a second."""
-        stamp_s = float(self.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
-        if number == 0 or stamp_s > 0:
-            return max(stamp_s, 0.0)
-        return number / self.rate if self.rate > 0 else None
 
     def _end(self, number: int) -> ImageError:
         """Return the reason why there is no frame of this number."""
