@@ -4,10 +4,10 @@ import os
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import flag, option, rare_option, required
+from blur2view.cli.parser import Length, flag, length, option, rare_option, required
 from blur2view.cli.place import refused_lines
 from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, read_ids, refuse_other_model, write_model
@@ -45,8 +45,8 @@ class RecoverOptions:
 
     Register the frames of a video that COLMAP's model lacks because they are too blurred for its features. A
     patch of a registered neighbour gets the blur of this frame, and this frame gets the blur of the
-    neighbour; then both have the same blur, and match. Frames of the model keep their poses, and a frame that
-    does not agree with its neighbours is refused.
+    neighbour; then both have the same blur, and match. Frames of the model keep their poses, but for those of
+    --max-smear, and a frame that does not agree with its neighbours is refused.
     """
 
     model: Path = required("""MODEL: folder of COLMAP's model of some frames; of several models in a mapper's
@@ -60,6 +60,9 @@ class RecoverOptions:
     database: Path | None = rare_option("""--db DB: let recovered frames keep their keypoints of the model's
         database DB, so that COLMAP's mappers go on with the model and the database; the frames then observe
         fewer points""")
+    max_smear: Annotated[Length | None, length] = option("""--max-smear PX: also give a new pose to frames of
+        the model whose smears are longer, in pixels or, as 2%%, in per cent of their width, and to those that
+        see little and are far off the path of the others; COLMAP's pose stays where none is found""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
         adjustment); other poses stay as they are""")
     views: bool = flag("""--views: also add both views of each recovered frame (default: only if MODEL has
@@ -70,7 +73,7 @@ class RecoverOptions:
 
     examples = (
         "blur2view recover model frames -o all_frames",
-        "blur2view recover model frames --views -o with_views",
+        "blur2view recover model frames --max-smear 12 --views -o with_views",
         "blur2view to-transforms with_views",
     )
     exit_codes = {
@@ -108,6 +111,9 @@ class RecoverOptions:
         interrupted, quiet = False, self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
             sequence = FrameSequence(model, self.frames_dir, names, SmearNetwork())
+            if self.max_smear is not None:
+                width = next(iter(sequence.model.cameras.values())).width
+                sequence.set_aside(sequence.doubtful(self.max_smear.px(width)))
             notes = Notes(self.output / NOTES, sequence)
             try:
                 recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)

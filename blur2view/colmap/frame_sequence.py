@@ -12,6 +12,7 @@ from functools import lru_cache
 from math import ceil
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import cv2
 import numpy as np
@@ -70,7 +71,10 @@ class RecoveredFrame:
 
 
 class FrameSequence:
-    """The frames of a video in order, those that a model has, and those that are ``recovered`` or not."""
+    """The frames of a video in order, those that a model has, and those that are ``recovered`` or not.
+
+    Frames that are ``set_aside`` are recovered as if the model lacked them, and keep its pose if that fails.
+    """
 
     def __init__(self, model: Path, folder: Path, names: Sequence[str], network: SmearReader) -> None:
         self.source, self.model, self.folder, self.network = model, read_model(model), folder, network
@@ -78,6 +82,7 @@ class FrameSequence:
         registered = registered_images(self.model)
         self.images = {name: image for name, image in registered.items() if name in self.times}
         self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
+        self.aside = dict[str, Any]()
         self.recovered = dict[str, RecoveredFrame]()
         self.refused = dict[str, str]()  # the reason
         self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
@@ -85,6 +90,35 @@ class FrameSequence:
         if len(self.images) < 2:
             count = f"has {len(self.images)} of the {len(names)} frames in {folder}"
             raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
+
+    def set_aside(self, names: Collection[str]) -> None:
+        """Set registered frames aside: they predict no frame, and no patch of theirs is searched.
+
+        DatabaseError if fewer than two are left.
+        """
+        if len(self.images) - len(names) < 2:
+            raise DatabaseError(
+                f"{self.source}: has fewer than two frames with shorter smears; allow longer ones"
+            )
+        self.aside |= {name: self.images.pop(name) for name in names}
+        self.poses = {name: pose for name, pose in self.poses.items() if name not in names}
+
+    def doubtful(self, max_smear_px: float) -> list[str]:
+        """Return the registered frames whose smears, median at their points, are longer, or `misplaced` ones.
+
+        Not those of rigs of several cameras, whose images share a pose.
+        """
+        misplaced = self.misplaced()
+        alone = [name for name in self.times if name in self.images]
+        alone = [name for name in alone if self.images[name].frame.num_data_ids() == 1]
+        return [name for name in alone if name in misplaced or self._smear_px(name) > max_smear_px]
+
+    def _smear_px(self, name: str) -> float:
+        """Return the median length of a registered frame's smears at the points that it sees; 0 of none."""
+        view = self.view(name)
+        pixels = view.project(self.world(self.observed_points(name)))
+        lengths = np.linalg.norm(view.smears(pixels[np.isfinite(pixels).all(axis=1)])[0], axis=1)
+        return float(np.median(lengths)) * view.grid.size[0] / view.camera.width if len(lengths) else 0.0
 
     def rounds(self) -> list[list[str]]:
         """Return the frames that the model lacks, those next to registered ones first."""

@@ -200,6 +200,14 @@ def add_image(
     return model.images[number]
 
 
+def set_pose(model: Any, name: str, pose: Array) -> None:
+    """Set the pose (3, 4) of an image that a model has."""
+    import pycolmap
+
+    image = model.find_image_with_name(name)
+    model.frame(image.frame_id).set_cam_from_world(image.camera_id, pycolmap.Rigid3d(pose))
+
+
 def refuse_other_model(folder: Path, source: Path) -> None:
     """Refuse, before any work, to write a model where one is lost that blur2view did not write as it is.
 

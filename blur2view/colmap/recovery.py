@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from blur2view.camera import to_colmap
 from blur2view.colmap.blurred_pose import pose_at
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
-from blur2view.colmap.models import DatabaseIds, add_image, read_ids, registered_images
+from blur2view.colmap.models import DatabaseIds, add_image, read_ids, registered_images, set_pose
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints
 from blur2view.colmap.recovery_run import Notes, recover_all
 from blur2view.colmap.warped_view import projected
@@ -34,7 +34,7 @@ class Recovery:
 
     model: Any
     """pycolmap.Reconstruction with the recovered frames, and their views where these were asked for."""
-    registered: tuple[str, ...]  # frames that the model had, in order of time
+    registered: tuple[str, ...]  # frames that have the model's pose, in order of time
     recovered: Mapping[str, RecoveredFrame]  # by name, in order of time
     refused: Mapping[str, str]  # why every other frame is not believed or cannot be read
     sequence: "FrameSequence"  # with which `track_frames` goes on
@@ -47,6 +47,7 @@ def recover_frames(
     *,
     database: str | os.PathLike[str] | None = None,
     keep_keypoints: bool = False,
+    max_smear_px: float | None = None,
     views: bool | None = None,
     refine: bool = False,
     network: SmearReader | None = None,
@@ -54,7 +55,7 @@ def recover_frames(
     notes: str | os.PathLike[str] | None = None,
     show: Callable[[int, int], None] = lambda done, count: None,
 ) -> Recovery:
-    """Register the frames of a video that COLMAP's model lacks; frames of the model keep their poses.
+    """Register the frames of a video that COLMAP's model lacks; others keep their poses, unless asked for.
 
     Recovered frames observe points of the model. Nothing is written: `Recovery.model` is pycolmap's.
 
@@ -72,6 +73,10 @@ def recover_frames(
     keep_keypoints
         Whether recovered frames keep the keypoints that they have in the database, so that COLMAP's mappers
         go on with both. They observe fewer points: those that were found where a keypoint is.
+    max_smear_px
+        Frames of the model with longer smears, in pixels, and those that see little and are far off the path
+        of the others, get a new pose from the others; those for which none is found keep theirs. By default
+        all do.
     views
         Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
         NAME#close, for which there are no files; by default if the model has such images.
@@ -114,6 +119,8 @@ def recover_frames(
     if keep_keypoints and database is None:
         raise ValueError("keep_keypoints needs the database with these keypoints")
     ids = None if database is None else read_ids(Path(database))
+    if max_smear_px is not None:
+        sequence.set_aside(sequence.doubtful(max_smear_px))
     recover_all(sequence, jobs=jobs, notes=None if notes is None else Notes(Path(notes), sequence), show=show)
     keypoints_db = Path(database) if keep_keypoints and database is not None else None
     return finished_recovery(sequence, ids, keypoints_db, views=views, refine=refine)
@@ -137,26 +144,37 @@ def finished_recovery(
     recovered = [name for name in sequence.times if name in sequence.recovered]
     for name in recovered:
         _add_frame(sequence, name, ids)
-    if refine and recovered:
-        adjust(sequence.model, recovered)
+    if refine and recovered:  # but for frames whose keypoints are those that their blur displaced
+        adjust(sequence.model, [name for name in recovered if name not in sequence.aside])
     if keypoints_db is not None:
         sequence.model = _with_keypoints(sequence, before, keypoints_db, ids)
     for name in recovered if views else ():
         _add_views(sequence, name, ids)
     return Recovery(
         model=sequence.model,
-        registered=tuple(name for name in sequence.times if name in sequence.images),
+        registered=tuple(
+            name
+            for name in sequence.times
+            if name in sequence.images or (name in sequence.aside and name not in sequence.recovered)
+        ),
         recovered={name: sequence.recovered[name] for name in sequence.times if name in sequence.recovered},
-        refused={name: sequence.refused[name] for name in sequence.times if name in sequence.refused},
+        refused={
+            name: sequence.refused[name]
+            for name in sequence.times
+            if name in sequence.refused and name not in sequence.aside
+        },
         sequence=sequence,
     )
 
 
 def _add_frame(sequence: FrameSequence, name: str, ids: DatabaseIds | None) -> None:
-    """Add a recovered frame to the model, and its observations to the tracks."""
+    """Add a recovered frame to the model and its observations to the tracks, or set the pose of its own."""
     import pycolmap
 
     frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
+    if name in sequence.aside:
+        set_pose(sequence.model, name, frame.pose)
+        return
     image = add_image(sequence.model, name, frame.pose, to_colmap(frame.pixels), beside, ids)
     for keypoint, number in enumerate(frame.points):
         sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, keypoint))
@@ -176,6 +194,9 @@ def _with_keypoints(sequence: FrameSequence, before: Any, database: Path, ids: D
     for name in (name for name in sequence.times if name in sequence.recovered):
         frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
         pose = after.find_image_with_name(name).cam_from_world().matrix()
+        if name in sequence.aside:
+            set_pose(before, name, pose)
+            continue
         keypoints = stored.get(name, NO_POINTS)
         image = add_image(before, name, pose, keypoints, beside, ids)
         if not len(keypoints):

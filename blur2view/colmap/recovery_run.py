@@ -110,7 +110,7 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
         return
     stop, network = spawn_context().Event(), sequence.network
     reader = network.path if isinstance(network, SmearNetwork) else network
-    prepare_args = sequence.source, sequence.folder, list(sequence.times), reader
+    prepare_args = sequence.source, sequence.folder, list(sequence.times), reader, list(sequence.aside)
     pool = processes(count, _prepare, prepare_args, stop=stop)
     pending: list[Future[Result]] = []
 
@@ -136,10 +136,13 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
 _SEQUENCE: list[FrameSequence] = []  # of a process that was started
 
 
-def _prepare(model: Path, frames: Path, names: Sequence[str], network: SmearReader | Path) -> None:
+def _prepare(
+    model: Path, frames: Path, names: Sequence[str], network: SmearReader | Path, aside: Sequence[str]
+) -> None:
     """Prepare a process."""
     reader = SmearNetwork(network, threads=1) if isinstance(network, Path) else network
     _SEQUENCE[:] = [FrameSequence(model, frames, names, reader)]
+    _SEQUENCE[0].set_aside(aside)
 
 
 def _try_frame(name: str, poses: Mapping[str, Array]) -> Result:
@@ -155,7 +158,9 @@ def _first_line(sequence: FrameSequence) -> str:
     states = [(sequence.folder / name).stat() for name in sequence.times if (sequence.folder / name).exists()]
     frames = list(sequence.times), [(state.st_size, state.st_mtime_ns) for state in states]
     network = getattr(sequence.network, "model_id", "")
-    call = sha256(repr((model, frames, network, __version__)).encode("utf-8", "surrogateescape")).hexdigest()
+    call = sha256(
+        repr((model, frames, network, list(sequence.aside), __version__)).encode("utf-8", "surrogateescape")
+    ).hexdigest()
     return json.dumps(signed({"call_sha256": call}, "recover"))
 
 

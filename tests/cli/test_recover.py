@@ -21,6 +21,15 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_registered_frames_may_not_all_be_posed_anew(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["recover", video / "model", video / "frames", "-o", tmp_path / "all", "--max-smear"]
+    done = call_program(capsys, *words, "0.1%")
+    assert done == 1 and "fewer than two frames with shorter smears" in done.err
+    assert not (tmp_path / "all").exists()
+
+
 def test_every_frame_is_counted_and_written(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

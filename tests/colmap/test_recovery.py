@@ -27,7 +27,7 @@ from blur2view.colmap.frame_sequence import (
     RecoveredFrame,
     weighted_mean,
 )
-from blur2view.colmap.models import observed, registered_images
+from blur2view.colmap.models import observed, registered_images, set_pose
 from blur2view.colmap.recovery import Recovery, recover_frames
 from blur2view.colmap.recovery_run import Notes
 from blur2view.errors import DatabaseError, OutputError, RunError
@@ -66,6 +66,10 @@ def recover(folder: Path, network: ExactSmears, refine: bool = False) -> Recover
 @pytest.fixture(scope="module")
 def recovery(folder: Path, network: ExactSmears) -> Recovery:
     return recover(folder, network)
+
+
+def poses_of(model: pycolmap.Reconstruction) -> dict[str, Array]:
+    return {image.name: image.cam_from_world().matrix() for image in model.images.values()}
 
 
 def apart(pose: Array, truth: Array) -> tuple[float, float]:
@@ -304,6 +308,57 @@ def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: E
         k = PLANE.names.index(image.name)
         degrees, _ = apart(image.cam_from_world().matrix(), PLANE.pose(k))
         assert degrees < (0.3 if k in MISSING else 1e-9)
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory: pytest.TempPathFactory, network: ExactSmears) -> tuple[Path, str, float]:
+    """Return a model of all frames, that with the longest smears, which is misplaced, and their length."""
+    path = tmp_path_factory.mktemp("wrong") / "plane"
+    PLANE.write(path, range(PLANE.frames))
+    model = pycolmap.Reconstruction(path / "model")
+    sequence = FrameSequence(path / "model", path / "frames", PLANE.names, network)  # type: ignore[arg-type]
+    lengths = {name: sequence._smear_px(name) for name in PLANE.names[2:-2]}
+    name = max(lengths, key=lambda name: lengths[name])
+    set_pose(model, name, changed(sequence.poses[name], np.array([0.01, 0.02, 0, 0.1, 0, 0])))
+    model.write(path / "model")
+    return path, name, lengths[name]
+
+
+def test_a_registered_frame_with_longer_smears_gets_a_new_pose_and_keeps_the_rest(
+    wrong: tuple[Path, str, float], network: ExactSmears
+) -> None:
+    folder, name, longest = wrong
+    paths, before = (
+        (folder / "model", folder / "frames", PLANE.names),
+        pycolmap.Reconstruction(folder / "model"),
+    )
+    found = recover_frames(*paths, max_smear_px=longest - 0.01, views=True, network=network)  # type: ignore[arg-type]
+    again = set(found.recovered)
+    assert name in again and again.isdisjoint(found.registered) and not found.refused
+    for number, image in before.images.items():
+        other = found.model.images[number]
+        assert (other.name, other.num_points3D) == (image.name, image.num_points3D)
+        poses = [one.cam_from_world().matrix() for one in (image, other)]
+        assert (image.name in again) != (poses[0] == poses[1]).all()
+    true = PLANE.pose(PLANE.names.index(name))
+    assert apart(found.recovered[name].pose, true)[0] < 0.2 < 1 < apart(poses_of(before)[name], true)[0]
+    assert found.model.find_image_with_name(f"{name}#open") is not None
+
+
+def test_a_registered_frame_that_is_refused_keeps_its_pose(
+    wrong: tuple[Path, str, float], network: ExactSmears, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, name, longest = wrong
+    monkeypatch.setattr(FrameSequence, "try_frame", lambda sequence, name: "for a reason")
+    paths, before = (
+        (folder / "model", folder / "frames", PLANE.names),
+        pycolmap.Reconstruction(folder / "model"),
+    )
+    found = recover_frames(*paths, max_smear_px=longest - 0.01, network=network)  # type: ignore[arg-type]
+    assert found.registered == tuple(PLANE.names) and not found.recovered and not found.refused
+    assert (poses_of(found.model)[name] == poses_of(before)[name]).all()
+    with pytest.raises(DatabaseError, match="fewer than two frames with shorter smears"):
+        recover_frames(*paths, max_smear_px=0.0, network=network)  # type: ignore[arg-type]
 
 
 def test_a_point_that_one_frame_sees_stays_where_frames_are_adjusted(
