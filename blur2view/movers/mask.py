@@ -14,6 +14,7 @@ from PIL import Image
 from blur2view.arrays import AnyArray, Floats, Mask, white_level
 from blur2view.errors import OutputError
 from blur2view.movers.moving import THRESHOLD, Moving
+from blur2view.smears.camera_motion import has_moved
 
 Grey = NDArray[np.uint8]
 
@@ -66,14 +67,14 @@ class MotionMask:
 
 def motion_mask(moving: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in a photograph (H, W, 3) or (H, W)."""
-    side, still = round(moving.block_px), moving.camera_moved < 0.5
+    side, still = round(moving.block_px), not has_moved(moving.camera_moved)
     parts = _to_pixels(moving.parts(threshold).astype(np.float32), image.shape, side)
     moves = _along_edges(parts, image, side) > 0.5
-    del parts  # a large photograph's
+    del parts  # of a large photograph it takes as much memory as the picture
     probability = _to_pixels(moving.probability, image.shape, side)
     regions = connected_regions(moves, probability, MIN_BLOCKS * side**2)
     smooth = np.repeat(np.repeat(moving.smooth.astype(np.uint8), side, 0), side, 1)
-    labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)  # others static
+    labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)
     labels[moves] = MotionLabel.MOVING
     against = "camera that stands still" if still else f"smooth motion of {moving.camera_px:.0f} px (median)"
     return MotionMask(

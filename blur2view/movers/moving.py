@@ -22,7 +22,7 @@ from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.octaves import LENGTHS
 from blur2view.networks.smear_network import LARGE_PX, SmearNetwork
 from blur2view.networks.spectra import STEP
-from blur2view.smears.camera_motion import Movers, moved_probability
+from blur2view.smears.camera_motion import Movers, has_moved, moved_probability
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, DIRECTIONS, IN_FOCUS_PX, KINDS, SHARP, SMEARED
 
@@ -104,7 +104,7 @@ class Moving:
         count, part = cv2.connectedComponents(edge, connectivity=4)
         moves = np.zeros(count, bool)
         moves[part[textured & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
-        if self.camera_moved < 0.5:
+        if not has_moved(self.camera_moved):
             moves &= ~self._in_focus(part, count)
         return np.asarray(moves[part])
 
@@ -160,7 +160,7 @@ def moving_in(
     motion = camera_field(grid, 1 - (1 - LEFT) * mover_share, rng)
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
     camera_moved = moved_probability(grid, float(camera_odds), camera_px)
-    if camera_moved < 0.5:
+    if not has_moved(camera_moved):
         motion, camera_px = np.zeros_like(motion), 0.0
     mover_inputs = block_evidence(gradients, colour, grid, motion), cell_evidence(grid, motion)
     (blurred,) = shipped(MOVERS, execution).run(*map(channels_first, mover_inputs))
@@ -206,7 +206,7 @@ def reduced_grid(grid: SmearGrid) -> SmearGrid:
         return grid
     assert grid.blur is not None
     cells, blur = grid.cells.copy(), grid.blur.copy()
-    cells[..., :3] /= factor  # the fourth is an angle
+    cells[..., :3] /= factor  # the fourth, an angle, stays
     blur[..., 0] /= factor
     rows, columns = (int(-(-side // factor)) for side in grid.shape)
     window_px = None if grid.window_px is None else int(grid.window_px // factor)
@@ -274,7 +274,7 @@ def cell_values(grid: SmearGrid) -> Floats:
     """
     if grid.shares is None or grid.blur is None:
         raise ValueError("expected smears as SmearNetwork reads them off a photograph")
-    radius = np.log(np.maximum(grid.blur[..., :1], IN_FOCUS_PX))  # 0 where nothing is seen
+    radius = np.log(np.maximum(grid.blur[..., :1], IN_FOCUS_PX))  # a radius of 0 says that none is seen
     return np.concatenate([np.sqrt(grid.shares), grid.blur[..., 1:], radius], axis=-1).astype(np.float32)
 
 

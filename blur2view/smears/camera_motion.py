@@ -29,6 +29,7 @@ from blur2view.smears.blur import (
 )
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SMEARED
+from blur2view.smears.matches import SmearMatches
 
 BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border; weight of its cells
 CLOSE_MOVED = 0.2  # difference of the smeared share from one half that is close
@@ -49,7 +50,15 @@ SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
 MOVING_SHARE = 0.005
 # A camera plainly moved if at most this share of the cells is not smeared, and the median smear this long.
 MAX_STILL, PLAIN_PX = 0.1, 4.0
+# The camera did not move if the median of the smears that a geometry is fitted to is shorter, pixels. Where
+# all may be errors: the quantile that is looked at, and the share of them that are no outliers, at least.
+MIN_MEDIAN_PX, SHORT_QUANTILE, INLIERS = 1.0, 0.35, 0.5
 IN_FOCUS = 0.2  # share of what is not smeared that must be sharp: the subject
+
+
+def has_moved(camera_moved: float) -> bool:
+    """Whether a camera that moved with this probability is taken to have moved."""
+    return camera_moved > 0.5
 
 
 class Needed(Enum):
@@ -106,17 +115,17 @@ class Evidence:
         A camera whose smears are no longer than their errors is not said to have moved: nobody can tell.
         """
         grid, camera_moved = self.grid, self.camera_moved
-        if self.nothing_seen:  # what the cells read is noise
+        if self.nothing_seen:  # then the cells have read noise
             return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=self.nothing_seen)
         if grid.blur is None or grid.kinds is None or not knows_kinds(grid):
             unknown = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
             if not knows_kinds(grid) or unknown.smear_px is None:
                 return unknown
-            kind = BlurKind.CAMERA_MOVED if camera_moved > 0.5 else BlurKind.SHARP
+            kind = BlurKind.CAMERA_MOVED if has_moved(camera_moved) else BlurKind.SHARP
             return replace(unknown, kind=kind, camera_moved=camera_moved)
         kinds, still_kinds = np.asarray(grid.kinds, float), self._still_kinds
         moving_share = 0.0 if self.movers is None else self.movers.share
-        kind = decide_kind(still_kinds, moving_share, camera_moved > 0.5)
+        kind = decide_kind(still_kinds, moving_share, has_moved(camera_moved))
         in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
         weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1)
         radius, spread = weighted_median(grid.blur[..., 0], weight * (1 - kinds[..., CANNOT_TELL]))
@@ -270,3 +279,18 @@ def is_close(grid: SmearGrid) -> bool:
         return blur.kind is BlurKind.CAMERA_MOVED and soft
     sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * grid.sigma_px)
     return bool((sure & (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5)).mean() > SURE_SHARE)
+
+
+def too_short(matches: SmearMatches) -> bool:
+    """Whether the median smear is so short that the camera stood still."""
+    return float(np.median(matches.length_px)) < MIN_MEDIAN_PX
+
+
+def within_errors(matches: SmearMatches) -> bool:
+    """Whether the shorter smears are as short as errors alone, so that the camera stood still.
+
+    Up to half of the smears may be outliers. The squared length over sigma^2 of a displacement that is an
+    error of standard deviation sigma has the exponential distribution of mean 1.
+    """
+    ratio = (matches.length_px / matches.sigma_px) ** 2
+    return bool(np.quantile(ratio, SHORT_QUANTILE) < -np.log(1 - SHORT_QUANTILE / INLIERS))

@@ -223,7 +223,7 @@ def load_smears(path: str | Path) -> SmearGrid:
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
             if sum(member.file_size for member in arrays.zip.infolist()) > MAX_BYTES:
-                raise ValueError("more than a photograph's smears")  # zeros that were packed
+                raise ValueError("more than a photograph's smears")  # packed zeros would fill the memory
             cells = arrays[GRID_KEY].astype(np.float32)
             blur = arrays[BLUR_KEY].astype(np.float32) if BLUR_KEY in arrays else None
             if not np.isfinite(cells).all() or (blur is not None and not np.isfinite(blur).all()):

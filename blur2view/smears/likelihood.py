@@ -134,7 +134,7 @@ def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
     bins = likelihood.shape[-1]
     wide = sum(np.roll(likelihood, shift, -2) for shift in (-1, 0, 1))
     wide = np.pad(wide, [(0, 0)] * 3 + [(1, 1)])
-    smooth = wide[..., :-2] + wide[..., 1:-1] + wide[..., 2:]  # of 3 x 3 bins: steadier than single ones
+    smooth = wide[..., :-2] + wide[..., 1:-1] + wide[..., 2:]  # sums of 3 x 3 bins are steadier
     row, column = np.divmod(smooth.reshape(*smooth.shape[:2], -1).argmax(-1), bins)
     steps = np.arange(-PEAK_BINS, PEAK_BINS + 1)
     rows = (row[..., None, None] + steps[:, None]) % DIRECTIONS

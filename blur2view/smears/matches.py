@@ -132,7 +132,7 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     require("grid", grid, SmearGrid, "as of network.predict(image)")
     options = options or SelectOptions()
     require("select", options, SelectOptions, "as SelectOptions(beta=0.5)")
-    # cells from one match to the next in a row or column
+    # every step-th cell of a row and of a column is taken, so that matches stay evenly spread
     step = max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))
     rows, columns = (slice(min(step, count) // 2, None, step) for count in grid.cells.shape[:2])
     points = grid.points()[rows, columns]

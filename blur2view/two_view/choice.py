@@ -17,7 +17,7 @@ import numpy as np
 
 from blur2view.geometry.configuration import Cause, Configuration, ModelRow, MotionModel, Refusal
 from blur2view.geometry.epipolar import symmetric_skew
-from blur2view.smears.matches import SmearMatches
+from blur2view.smears.camera_motion import has_moved, within_errors
 from blur2view.two_view import constants as c
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import FieldLikelihood, HomographyFit, find_plane, fit_homography
@@ -60,7 +60,7 @@ def choose(
         return Choice(config=Configuration.DEGENERATE, refusal=Refusal(cause=Cause.WITHIN_ERRORS))
     sample = smears.thinned(c.SAMPLE)
     residuals = FundamentalFit(point=fit.point, smears=sample, sign=fit.sign).residuals
-    orders = residuals.backward, residuals.forward_share < 0.5  # by F, and by depth as well
+    orders = residuals.backward, residuals.forward_share < 0.5  # the second counts depth as well
     plane = find_plane(FieldLikelihood(smears=sample), fit.point.motion()[0], *orders)
     candidates = fields_about(plane, rolling=rolling)
     if moved:
@@ -71,21 +71,11 @@ def choose(
     return named_choice(candidates, model_probabilities(candidates, sample), agreement)
 
 
-def within_errors(matches: SmearMatches) -> bool:
-    """Whether the shorter smears are as short as errors alone; up to half of the smears may be outliers.
-
-    The squared length over sigma^2 of a displacement that is an error of standard deviation sigma has the
-    exponential distribution of mean 1.
-    """
-    ratio = (matches.length_px / matches.sigma_px) ** 2
-    return bool(np.quantile(ratio, c.SHORT_QUANTILE) < -np.log(1 - c.SHORT_QUANTILE / c.SHORT_INLIERS))
-
-
 def fields_about(plane: HomographyFit, *, rolling: bool) -> list[Candidate]:
     """Return all models but parallax, their fields fitted from that of a plane."""
     likelihood, smears = plane.likelihood, plane.likelihood.smears
     still = HomographyFlow.plane(np.zeros(8), smears.prior_sigma)
-    vector = symmetric_skew(plane.family.generator())[1]  # of the nearest rotation
+    vector = symmetric_skew(plane.family.generator())[1]  # the skew part is the nearest rotation's
     rotation = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior_sigma))
     fits = {
         MotionModel.STILL: HomographyFit(likelihood=likelihood, family=still),
@@ -154,7 +144,7 @@ def named_choice(candidates: list[Candidate], probabilities: list[float], agreem
     parallax = odds.get(MotionModel.PARALLAX, 0.0)
     if parallax >= c.PROVEN_FROM and agreement >= c.PROVEN_AGREEMENT:
         return Choice(config=Configuration.UNCALIBRATED, models=rows, reports_F=True)
-    if odds.get(MotionModel.STILL, 0.0) > 0.5:
+    if not has_moved(1 - odds.get(MotionModel.STILL, 0.0)):
         return Choice(config=Configuration.DEGENERATE, models=rows)
     plane = likeliest[MotionModel.PLANE].fit
     on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
@@ -166,7 +156,7 @@ def named_choice(candidates: list[Candidate], probabilities: list[float], agreem
         return Choice(config=Configuration.UNDEFINED, models=rows)
     model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds[model])
     config = Configuration.PANORAMIC if model is MotionModel.ROTATION else Configuration.PLANAR
-    if rows[0].model is MotionModel.STILL:  # likelier than any other model, not than all of them
+    if rows[0].model is MotionModel.STILL:  # each other model is less likely, all together are not
         config = Configuration.PLANAR_OR_PANORAMIC
     return Choice(
         config=config,

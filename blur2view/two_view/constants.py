@@ -68,10 +68,8 @@ PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
 # Refusals and inliers: `two_view.estimate`.
 MIN_SMEARS = 20
-MIN_LENGTH_PX = 1.0  # median smear
 MIN_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
-SHORT_QUANTILE, SHORT_INLIERS = 0.35, 0.5  # of the lengths; share of smears that are no outliers, at least
 INLIER_SHARE = 0.1  # Sampson distance over length, from which smears are outliers: rho, our main measure
 INLIER_SIGMAS = 2.0  # standard deviations of its Sampson distance, within which any smear is an inlier
 MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance; by SYNTH's last row and fields of noise

@@ -14,6 +14,7 @@ from blur2view.geometry.epipolar import denormalise, serrmin, unit_norm
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
+from blur2view.smears.camera_motion import MIN_MEDIAN_PX, too_short
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SAMPSON_SHARE
 from blur2view.two_view import constants as c
@@ -257,14 +258,14 @@ def find_refusal(matches: SmearMatches) -> Refusal | None:
     """Return why smears are too few, too short or collinear; None of any others."""
     if len(matches) < c.MIN_SMEARS:
         return Refusal(cause=Cause.FEW_SMEARS, value=len(matches), limit=c.MIN_SMEARS)
-    median = float(np.median(matches.length_px))
-    if median < c.MIN_LENGTH_PX:
-        return Refusal(cause=Cause.SHORT_SMEARS, value=median, limit=c.MIN_LENGTH_PX)
+    if too_short(matches):
+        median = float(np.median(matches.length_px))
+        return Refusal(cause=Cause.SHORT_SMEARS, value=median, limit=MIN_MEDIAN_PX)
     share = coverage(matches)
     if share < c.MIN_COVERAGE:
         return Refusal(cause=Cause.SMALL_PART, value=share, limit=c.MIN_COVERAGE)
     short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
-    if short <= c.MIN_WIDTH * long:  # these do not determine F nor H
+    if short <= c.MIN_WIDTH * long:  # midpoints on one line determine neither F nor H
         return Refusal(cause=Cause.ONE_LINE, value=float(short / max(long, TINY)), limit=c.MIN_WIDTH)
     return None
 

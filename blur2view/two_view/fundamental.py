@@ -146,23 +146,24 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
     Rotations w with |w / limit| > 1, ``limit`` (3,), are dropped, as are dependent smears.
     """
     x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
-    p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)
-    smears = p * (p * t[:, None]).sum(axis=0) - t[:, None] * (p * p).sum(axis=0)  # rows (3, B, 3, T)
-    right = (np.cross(x, y, axis=0) * t[:, None]).sum(axis=0)  # (B, 3, T)
-    first, second, third = np.moveaxis(smears, 2, 0)  # each (3, B, T)
-    pairs = (second, third), (third, first), (first, second)
-    adjugate = np.stack([np.cross(*pair, axis=0) for pair in pairs], axis=1)
-    determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
+    p, t = 0.5 * (x + y), directions.T[:, None]  # (3, B, 3, 1) and (3, 1, T)
+    coefficients = p * (p * t[:, None]).sum(axis=0) - t[:, None] * (p * p).sum(axis=0)  # of w: (3, B, 3, T)
+    sides = (np.cross(x, y, axis=0) * t[:, None]).sum(axis=0)  # right-hand sides t . (x x y): (B, 3, T)
+    # Cramer's rule: w is the sum over the three smears of their signs times these terms (3, 3, B, T)
+    first, second, third = np.moveaxis(coefficients, 2, 0)  # each (3, B, T)
+    others = (second, third), (third, first), (first, second)
+    cofactors = np.stack([np.cross(*pair, axis=0) for pair in others], axis=1)
+    determinant = (first * cofactors[:, 0]).sum(axis=0)  # (B, T)
     regular = np.abs(determinant) >= TINY
-    shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
-    shares = np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)
-    rotation = (ORDERS_OF_THREE @ shares).reshape(len(ends), -1, 3, len(directions))  # (B, 4, 3, T)
-    inside = (rotation**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # False where singular
-    sample, pattern, direction = np.nonzero(inside)
-    w, along = rotation[sample, pattern, :, direction], directions[direction]
-    hypotheses: Array = w[:, :, None] * along[:, None, :]  # [t]x [w]x = w t^T - (t . w) I
+    terms = cofactors * (np.moveaxis(sides, 1, 0) / np.where(regular, determinant, np.nan))
+    terms = np.moveaxis(terms, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)
+    rotations = (ORDERS_OF_THREE @ terms).reshape(len(ends), -1, 3, len(directions))  # (B, 4, 3, T)
+    plausible = (rotations**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # NaN, of dependent smears, is not
+    sample, pattern, direction = np.nonzero(plausible)
+    w, t = rotations[sample, pattern, :, direction], directions[direction]  # (M, 3)
+    hypotheses: Array = w[:, :, None] * t[:, None, :]  # because [t]x [w]x = w t^T - (t . w) I
     hypotheses += cross_matrix(directions)[direction]
-    hypotheses.reshape(-1, 9)[:, ::4] -= (w * along).sum(axis=1)[:, None]
+    hypotheses.reshape(-1, 9)[:, ::4] -= (w * t).sum(axis=1)[:, None]
     return hypotheses
 
 
@@ -192,9 +193,9 @@ class DirectionLikelihood:
         rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
         outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
         target = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
-        own = some.field_sigmas_px[1] / (length * some.unit_px)
-        # error across over length, with what `NoiseModel.sampson_px` adds
-        share = np.hypot(own, some.matches.shared.added_sampson).astype(np.float32)
+        stated = some.field_sigmas_px[1] / (length * some.unit_px)  # error across, over the length
+        # `NoiseModel.sampson_px` adds this share of the length, because paths are bent
+        share = np.hypot(stated, some.matches.shared.added_sampson).astype(np.float32)
         rotations, residuals = reweighted_motion(
             rows[:, :, None], target[:, None], steps=c.GRID_STEPS, scale=lambda _: share
         )
@@ -237,10 +238,10 @@ def search_and_fit(
     if smears.has_many_independent:
         grid = DirectionLikelihood(smears=smears.fully_correlated)
         starts += [cross_matrix(t) @ rotation_matrix(w) for w, t in grid.likeliest(c.GRID_STARTS)]
-    rough = with_measured_noise(smears.thinned(c.ROUGH_COUNT), starts[0])  # as the search's F has it
+    rough = with_measured_noise(smears.thinned(c.ROUGH_COUNT), starts[0])  # no fitted F is known yet
     points = [FundamentalManifold.from_matrix(F, smears.prior_sigma) for F in starts]
     point = fit_best(points, rough).point
-    measured = with_measured_noise(smears, point.matrix())  # as the fitted F has it
+    measured = with_measured_noise(smears, point.matrix())
     return measured, fit_best([point], measured), search
 
 
@@ -254,7 +255,7 @@ def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> Fund
     lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
     points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
     norm = np.linalg.norm(points, axis=1, keepdims=True)
-    points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]  # both lines may be one
+    points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]  # two smears on one line meet nowhere
     costs = SmearEstimator(smears=some).score(cross_matrix(points), np.arange(len(some)))
     start = FundamentalManifold(t=points[int(np.argmin(costs))], R=np.eye(3), prior_sigma=UNROTATED)
     *_, best = levenberg_marquardt(FundamentalFit(point=start, smears=some), c.STEPS, c.TOLERANCE)

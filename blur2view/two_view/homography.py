@@ -151,18 +151,19 @@ class HomographyFit:
         and none); its shares are fitted by maximum likelihood.
         """
         smears = self.likelihood.smears
-        (line,), (across,) = unit_lines(symmetric_skew(F)[1][None], smears.middle)  # at mid exposure
-        line, across = self.likelihood.whiten(np.stack([line, across]))
-        line /= np.maximum(np.hypot(*line), TINY)
-        height = line[0] * across[1] - line[1] * across[0]  # deviations per unit off the line
-        along = (self.both * line).sum(axis=1)
-        off = [smears.residuals(f).both * ACROSS_SHARE * height * smears.sigma for f in (F, F.T)]
-        likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
-        residuals = np.stack([along, likely], axis=1)
-        # errors worse than stated, in all directions, and chance: they are no parallax
-        other = student(residuals / c.WIDER, np.ones(1))[0] / c.WIDER**2 + self.likelihood.chance
+        (lines,), (normals,) = unit_lines(symmetric_skew(F)[1][None], smears.middle)  # at mid exposure
+        lines, normals = self.likelihood.whiten(np.stack([lines, normals]))
+        lines /= np.maximum(np.hypot(*lines), TINY)
+        deviations = lines[0] * normals[1] - lines[1] * normals[0]  # that one unit off the line is
+        along = (self.both * lines).sum(axis=1)
+        off = [smears.residuals(f).both * ACROSS_SHARE * deviations * smears.sigma for f in (F, F.T)]
+        # the fields' order in time is that of F or of its transpose; a smear decides by 5 deviations at most
+        nearer = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
+        residuals = np.stack([along, nearer], axis=1)
+        # errors larger than stated, and outliers, go in all directions, so that they say nothing of parallax
+        outliers = student(residuals / c.WIDER, np.ones(1))[0] / c.WIDER**2 + self.likelihood.chance
         density = student(residuals, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
-        density += smears.matches.shared.outlier_odds * other
+        density += smears.matches.shared.outlier_odds * outliers
         return smears.effective_share * float((mixture(density.T) - np.log(density[0])).sum())
 
     def normal_equations(self) -> tuple[Array, Array]:

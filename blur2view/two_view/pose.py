@@ -53,7 +53,7 @@ def estimate_pose(smears: NormalisedSmears, fit: FundamentalFit, choice: Choice)
     tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
     mean, region = spread_over(directions, pose, tangents)
     matrix = covariance_at(point, correlated)
-    if not correlated.has_many_independent:  # else the likelihood is narrower than the grid's steps
+    if not correlated.has_many_independent:  # of many the likelihood is narrower than the grid's steps
         matrix = matrix + region
     covariance = PoseCovariance(matrix=matrix, tangents=tangents)
     proven = choice.config is Configuration.UNCALIBRATED
