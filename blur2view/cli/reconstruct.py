@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import OneOf, exposure_s, flag, option, rare_option, required, whole
-from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
+from blur2view.errors import RunError
 from blur2view.reconstruction.options import (
     CAMERA_MODELS,
     DIALECTS,
@@ -118,7 +119,11 @@ class ReconstructOptions:
             masks=self.masks,
         )
         step = partial(waiting, hidden=self.printing.quiet)
-        made = reconstruct(self.video, self.output, options, jobs=self.jobs, step=step)
+        try:
+            made = reconstruct(self.video, self.output, options, jobs=self.jobs, step=step)
+        except KeyboardInterrupt:
+            complain(RunError("interrupted; the same call goes on"))
+            return INTERRUPTED
         if not self.printing.quiet:
             print("\n".join(outcome_table(made, verbose=self.printing.verbose)))
         return 0

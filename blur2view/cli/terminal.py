@@ -19,7 +19,7 @@ EXIT_CODES = {
     "0": "done",
     "1": "failed, with one line on stderr; nothing is written",
     "2": "wrong usage",
-    "130": "interrupted by Ctrl-C; nothing is written",
+    "130": "interrupted by Ctrl-C; no file is left unfinished",
     "141": "the output pipe was closed early, for example by head; the rest is not done",
 }
 """Exit codes of every command; the ``exit_codes`` of a command replace some of them."""

@@ -77,7 +77,8 @@ def read_model(folder: Path) -> Any:
 
     if not holds_model(folder):
         remedy = "name the folder with cameras.bin, images.bin and points3D.bin"
-        raise DatabaseError(f"{folder}: has no COLMAP model; {remedy}")
+        said = "has no COLMAP model" if folder.exists() else "no such folder"
+        raise DatabaseError(f"{folder}: {said}; {remedy}")
     try:
         for name in RECORDS:
             if (folder / name).exists():

@@ -65,8 +65,9 @@ def _conclusion(geometry: TwoViewGeometry) -> str:
 
 
 def _support(support: Support) -> str:
-    """Return how many smears fit; rounded down, because only all are 100 %."""
-    share = 100 * support.num_inliers // support.count
+    """Return how many smears fit; only all are 100 %."""
+    all_fit = support.num_inliers == support.count
+    share = 100 if all_fit else min(round(100 * support.num_inliers / support.count), 99)
     return f"{share} % of {support.count} smears fit F, and {100 * support.by_chance:.0f} % would by chance"
 
 

@@ -110,7 +110,7 @@ def test_what_cannot_be_placed_is_one_line(
     assert "no such folder; name the folder of the frames" in complaint(
         database, linked / "model", tmp_path / "none"
     )
-    assert "has no COLMAP model; name the folder with cameras.bin" in complaint(
+    assert "no such folder; name the folder with cameras.bin" in complaint(
         database, tmp_path / "none", frames
     )
     assert "no such database" in complaint(tmp_path / "none.db", linked / "model", frames)

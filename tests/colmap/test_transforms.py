@@ -131,7 +131,9 @@ def test_names_lead_nowhere_else(video: Path, tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"sharp: no photograph has both of its views.*blur2view place"):
         content_of(video / "sharp")
-    with pytest.raises(DatabaseError, match="absent: has no COLMAP model"):
+    with pytest.raises(DatabaseError, match="absent: no such folder; name the folder with cameras.bin"):
         content_of(tmp_path / "absent")
+    with pytest.raises(DatabaseError, match="has no COLMAP model; name the folder with cameras.bin"):
+        content_of(tmp_path)
     with pytest.raises(DatabaseError, match="FOV, which this trainer does not know.*undistort"):
         content_of(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))

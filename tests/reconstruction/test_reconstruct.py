@@ -113,7 +113,7 @@ def test_a_state_that_was_changed_is_refused_in_one_line(tmp_path: Path) -> None
 
 
 def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="lies in the folder of the frames"):
+    with pytest.raises(OutputError, match="is the folder of the frames, or lies in it"):
         reconstruct(tmp_path, tmp_path / "scene")
     assert not (tmp_path / "scene").exists()
 
