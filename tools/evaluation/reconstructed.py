@@ -154,10 +154,12 @@ def of_sequence(source: Path, frames: Path, wider: int, part: slice = ALL) -> tu
 
 def of_rendering(work: Path, frames: Path, seed: int) -> tuple[Poses, str]:
     """Render a video whose runs have long exposures; return its frames' true poses and the camera."""
-    paths = write_video(work / "short", seed, replace(RENDERED, share=SHORT))
-    write_video(work / "long", seed, RENDERED)
-    true = {f"f_{k:03d}.png": path.pose(0.0) for k, path in enumerate(paths)}
-    worse = set(missing_of(list(true), RUN, BETWEEN))
+    names = [f"f_{k:03d}.png" for k in range(RENDERED.frames)]
+    worse = set(missing_of(names, RUN, BETWEEN))
+    kept = [k for k, name in enumerate(names) if name not in worse]
+    paths = write_video(work / "short", seed, replace(RENDERED, share=SHORT), kept)
+    write_video(work / "long", seed, RENDERED, [k for k, name in enumerate(names) if name in worse])
+    true = {name: path.pose(0.0) for name, path in zip(names, paths, strict=True)}
     frames.mkdir(parents=True, exist_ok=True)
     for name in true:
         shutil.copyfile(work / ("long" if name in worse else "short") / name, frames / name)

@@ -1,5 +1,6 @@
 """Videos of a hand that walks slowly and shakes, with the exact pose at every instant of every exposure."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.files import write_file
 from blur2view.geometry.pose import rotation_matrix
 from tools.rendering.render import Exposure, grid_points, mean_frame, paint, stencil_alpha
 from tools.rendering.scene import Layer, Trajectory, sample_layers
@@ -108,23 +110,29 @@ def smear_lengths_px(paths: list[Shake], seed: int, options: VideoOptions) -> li
     return lengths
 
 
-def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
-    """Render the frames f_NNN.png, unless all exist, and return the camera's path about each.
+def write_video(
+    folder: Path, seed: int, options: VideoOptions, only: Collection[int] | None = None
+) -> list[Shake]:
+    """Render the frames f_NNN.png that are not there, and return the camera's path about each of the video.
 
-    The share of the exposure changes neither the scene nor the path of a seed.
+    The share of the exposure changes neither the scene nor the path of a seed. Of those frames alone, if some
+    are named; the first one, by whose light all are exposed, is rendered with them.
     """
     paths = sample_exposures(np.random.default_rng([seed, int(options.rate)]), options)
-    targets = [folder / f"f_{index:03d}.png" for index in range(len(paths))]
-    if all(target.exists() for target in targets):
+    wanted = range(len(paths)) if only is None else sorted({0, *only})
+    targets = {index: folder / f"f_{index:03d}.png" for index in wanted}
+    if all(target.exists() for target in targets.values()):
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     rng, size, K, like = np.random.default_rng([seed, 1]), options.size, options.K, None
     layers = _sample_scene(rng, options)
     canvases = [paint(rng, layer, K, size, MARGIN, DETAIL) for layer in layers]
-    for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
-        exposure = Exposure(camera=path, K=K, size=size)
+    for index, target in targets.items():
+        if index and target.exists():
+            continue
+        exposure = Exposure(camera=paths[index], K=K, size=size)
         linear = mean_frame(canvases, [exposure.inverse_displacements(one) for one in layers])
         like = linear if like is None else like
         picture = sharp_photograph(np.random.default_rng([seed, 2, index]), linear, like)
-        cv2.imwrite(str(target), picture[..., ::-1])
+        write_file(target, bytes(cv2.imencode(".png", picture[..., ::-1])[1]))
     return paths
