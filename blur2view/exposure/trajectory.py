@@ -140,6 +140,21 @@ class ExposedFrame:
         return float(np.median((flow * self.displacement).sum(axis=1) / ((flow**2).sum(axis=1) + TINY)))
 
 
+def turning(frame: ExposedFrame, motion: Array) -> tuple[float, float]:
+    """Return the rotation of an exposure by its smears, radians, and its standard deviation; infinite of few.
+
+    ``motion`` (6,) is that of the path over a frame interval, of which the exposure is as much as its smears
+    are of that motion's.
+    """
+    ratio = abs(frame.length_ratio(motion))
+    rotation, information, _ = _rotation(frame, min(ratio, MAX_FRACTION) * motion)
+    angle = float(np.linalg.norm(rotation))
+    if not information.any():
+        return 0.0, float("inf")
+    axis = rotation / (angle + TINY)
+    return angle, float(np.sqrt(axis @ np.linalg.pinv(information, hermitian=True) @ axis))
+
+
 def exposures(
     frames: Sequence[ExposedFrame], path: CameraPath, fraction: float | None = None
 ) -> tuple[Array, float, bool]:

@@ -53,6 +53,7 @@ from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.scene import Scene
 from blur2view.reconstruction.timeline import timeline
+from blur2view.reconstruction.turning import turnings
 from blur2view.results.blur_timeline import Seen
 
 IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
@@ -237,7 +238,8 @@ def _made(
     def write_report() -> str:
         with step("writing the report"):
             kinds = {name: values[0] for name, values in seen.items()}
-            page = timeline(_seen(frames, kinds, result), folder / EXPOSURES, images, video.name, __version__)
+            shown = _seen(frames, kinds, result, found.get("turned", {}))
+            page = timeline(shown, folder / EXPOSURES, images, video.name, __version__)
             write_file(folder / REPORT, page)
         return REPORT
 
@@ -338,6 +340,7 @@ def _recover(
         notes = Notes(folder / WORK / "recovering.jsonl", sequence)
         recover_all(sequence, jobs=jobs, notes=notes, show=show)
         found = finished_recovery(sequence, read_ids(folder / DATABASE), views=True)
+        turned = turnings(sequence, [*found.registered, *found.recovered])
     known = {*found.registered, *found.recovered}
     images, database = folder / IMAGES, folder / DATABASE
     write_model(transforms.keep_photographs(found.model, known), folder / SPARSE, images, database)
@@ -347,6 +350,7 @@ def _recover(
         "registered": found.registered,
         "recovered": list(found.recovered),
         "refused": dict(found.refused),
+        "turned": turned,
     }
 
 
@@ -379,7 +383,12 @@ def _write_transforms(folder: Path, options: ReconstructionOptions, masks: Seque
     return len(exposed)
 
 
-def _seen(frames: Sequence[Frame], kinds: Mapping[str, str], result: Reconstruction) -> list[Seen]:
+def _seen(
+    frames: Sequence[Frame],
+    kinds: Mapping[str, str],
+    result: Reconstruction,
+    turned: Mapping[str, tuple[float, float]],
+) -> list[Seen]:
     """Return what the report shows of each frame."""
     fates = dict.fromkeys(result.registered, "registered") | dict.fromkeys(result.recovered, "recovered")
     fates |= dict.fromkeys(result.refused, "refused")
@@ -393,6 +402,7 @@ def _seen(frames: Sequence[Frame], kinds: Mapping[str, str], result: Reconstruct
             chosen=frame.name in best,
             fate=fates.get(frame.name, "left out"),
             reason=result.refused.get(frame.name, ""),
+            turned=turned.get(frame.name),
         )
         for frame in frames
     ]

@@ -16,7 +16,7 @@ from blur2view.arrays import Array
 from blur2view.colmap.models import read_model
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import read_regular
-from blur2view.results.blur_timeline import FATES, Seen, mark, smears_over_time
+from blur2view.results.blur_timeline import FATES, Seen, mark, smears_over_time, turning_over_time
 from blur2view.results.blur_timeline import STYLE as SVG_STYLE
 from blur2view.results.page import page
 from blur2view.results.report import data_uri
@@ -48,11 +48,17 @@ def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, vers
 <table>{rows}</table>
 <h2>Blur over time</h2>
 {smears_over_time(frames)}
-<h2>The camera's path</h2>
+{_turning(frames)}<h2>The camera's path</h2>
 {_paths(frames, model)}
 <h2>Frames</h2>
 <div class="thumbs">{"".join(_thumbnails(frames, images))}</div>"""
     return page(title, body, style=SVG_STYLE + STYLE, version=version)
+
+
+def _turning(frames: Sequence[Seen]) -> str:
+    """Return the picture of how the camera turned, with its heading; nothing if no frame says so."""
+    picture = turning_over_time(frames, "degrees")
+    return f"<h2>How the camera turned during each exposure</h2>\n{picture}\n" if picture else ""
 
 
 def _paths(frames: Sequence[Seen], folder: Path) -> str:

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, exposures, relative_motion
+from blur2view.exposure.trajectory import (
+    PATH_REACH,
+    CameraPath,
+    ExposedFrame,
+    exposures,
+    relative_motion,
+    turning,
+)
 from blur2view.geometry.pose import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
@@ -98,3 +105,16 @@ def test_smears_show_that_a_shake_is_faster_than_frames_and_positions_are_those_
     off, guessed = (np.linalg.norm(one[:, :3] - true[:, :3], axis=1) for one in (found, moved))
     assert np.median(off) < 0.1 * size and np.median(off) < follows * max(np.median(guessed), 0.1 * size)
     np.testing.assert_allclose(np.abs(found[:, 3:]), fraction / OPEN_FOR * np.abs(moved[:, 3:]), atol=1e-3)
+
+
+@pytest.mark.parametrize("fraction", [0.5, -0.8, 0.02])
+def test_the_camera_turned_as_smears_of_either_order_say_within_the_deviation(fraction: float) -> None:
+    true = abs(fraction) * np.linalg.norm(PER_FRAME[:3])
+    angle, sigma = turning(frame(fraction * PER_FRAME, 0), PER_FRAME)
+    assert angle == pytest.approx(true, rel=1e-6) and sigma < 1e-4 * true
+    angle, sigma = turning(frame(fraction * PER_FRAME, 0, noise=0.1 * true), PER_FRAME)
+    assert abs(angle - true) < 2 * sigma and sigma < 0.3 * true
+
+
+def test_nothing_says_how_a_camera_turned_whose_frame_has_few_smears() -> None:
+    assert turning(frame(PER_FRAME, 0, count=4), PER_FRAME) == (0.0, np.inf)

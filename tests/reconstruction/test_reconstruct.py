@@ -501,7 +501,7 @@ def test_what_a_user_changed_stays_where_what_is_beside_it_is_lost(
 
 def test_the_report_shows_frames_and_path_runs_nothing_and_opens_in_a_browser(whole: Reconstruction) -> None:
     page = (whole.folder / "report.html").read_text()
-    assert "<script" not in page and page.count("<svg") == 3
+    assert "<script" not in page and page.count("<svg") == 4
     links = re.findall(r'href="(images/[^"]+)"', page)
     assert len(links) == 7 and all((whole.folder / link).is_file() for link in links)
     assert f"{PLANE.names[3]}, recovered" in page
@@ -512,4 +512,4 @@ def test_the_report_shows_frames_and_path_runs_nothing_and_opens_in_a_browser(wh
     shown = subprocess.run(
         [*command, str(whole.folder / "report.html")], capture_output=True, text=True, timeout=60
     )
-    assert shown.returncode == 0 and shown.stdout.count("<svg") == 3 and STATE not in shown.stdout
+    assert shown.returncode == 0 and shown.stdout.count("<svg") == 4 and STATE not in shown.stdout
