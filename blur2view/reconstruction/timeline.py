@@ -58,7 +58,11 @@ def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, vers
 def _turning(frames: Sequence[Seen]) -> str:
     """Return the picture of how the camera turned, with its heading; nothing if no frame says so."""
     picture = turning_over_time(frames, "degrees")
-    return f"<h2>How the camera turned during each exposure</h2>\n{picture}\n" if picture else ""
+    return (
+        f"<h2>How the camera turned during each exposure, with its standard deviation</h2>\n{picture}\n"
+        if picture
+        else ""
+    )
 
 
 def _paths(frames: Sequence[Seen], folder: Path) -> str:
