@@ -109,7 +109,7 @@ def test_smears_show_that_a_shake_is_faster_than_frames_and_positions_are_those_
 
 @pytest.mark.parametrize("fraction", [0.5, -0.8, 0.02])
 def test_the_camera_turned_as_smears_of_either_order_say_within_the_deviation(fraction: float) -> None:
-    true = abs(fraction) * np.linalg.norm(PER_FRAME[:3])
+    true = abs(fraction) * float(np.linalg.norm(PER_FRAME[:3]))
     angle, sigma = turning(frame(fraction * PER_FRAME, 0), PER_FRAME)
     assert angle == pytest.approx(true, rel=1e-6) and sigma < 1e-4 * true
     angle, sigma = turning(frame(fraction * PER_FRAME, 0, noise=0.1 * true), PER_FRAME)
