@@ -23,7 +23,7 @@ from blur2view.files import unwritable, writable_folder
 from blur2view.images.image import Content, read_picture
 from blur2view.images.inputs import Source, encode_png
 from blur2view.images.pixels import gradient_energy
-from blur2view.images.video import frame_time
+from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.records.record import Record
 from blur2view.records.verdict import Use
 
@@ -36,45 +36,52 @@ squared gradients and ranked by the network alone, 1.055."""
 MIN_WIDTH_PX = 1.0  # bound: shorter widths of blur differ by noise
 
 
-def candidates(groups: Iterable[Sequence[Job]]) -> Iterator[Job]:
-    """Yield the jobs of each group that may be its sharpest, read, in order, with their energy as the plan.
+class Candidates:
+    """The jobs of each group that may be its sharpest, read, in order, with their energy as the plan.
 
     Jobs that cannot be read are always among them. Memory holds the contents of a quarter of `NEIGHBOURS`
-    photographs.
+    photographs. After all of them ``there`` is the number of photographs, without frames that a video
+    announces and does not have.
     """
-    for group in groups:
-        runs = -(-len(group) // NEIGHBOURS)
-        for part in np.array_split(np.arange(len(group)), runs):
-            sharper = _sharper([group[k] for k in part])
-            while sharper:
-                yield sharper.pop(0)  # which is not held any longer
 
+    def __init__(self, groups: Iterable[Sequence[Job]]) -> None:
+        self._groups, self.there = groups, 0
 
-def _sharper(jobs: Sequence[Job]) -> list[Job]:
-    """Return the quarter of neighbours with the most gradient energy, and those that have none."""
-    if len(jobs) == 1:
-        return list(jobs)
-    wanted, kept = max(-(-len(jobs) // SHARE), LEAST), list[Job]()
-    for job in jobs:
-        kept.append(_read(job))
-        compared = [place for place, one in enumerate(kept) if one.plan is not None]
-        if len(compared) > wanted:
-            del kept[min(compared, key=lambda place: (kept[place].plan, -place))]
-    return kept
+    def __iter__(self) -> Iterator[Job]:
+        """Yield the jobs, which are not held any longer."""
+        for group in self._groups:
+            runs = -(-len(group) // NEIGHBOURS)
+            for part in np.array_split(np.arange(len(group)), runs):
+                sharper = self._sharper([group[k] for k in part])
+                while sharper:
+                    yield sharper.pop(0)
 
+    def _sharper(self, jobs: Sequence[Job]) -> list[Job]:
+        """Return the quarter of neighbours with the most gradient energy, and those that have none."""
+        wanted, kept = max(-(-len(jobs) // SHARE), LEAST), list[Job]()
+        for job in jobs:
+            kept.append(self._read(job))
+            compared = [place for place, one in enumerate(kept) if one.plan is not None]
+            if len(compared) > wanted:
+                del kept[min(compared, key=lambda place: (kept[place].plan, -place))]
+        return kept
 
-def _read(job: Job) -> Job:
-    """Return a job with its content, a frame's also with its time, and the gradient energy as its plan."""
-    source = job.source
-    try:
-        if job.refusal is not None:
-            return job
-        content = source.read()
-        if source.frame is not None:
-            source = replace(source, time_s=frame_time(source.path, source.frame))
-        energy = gradient_energy(_eight_bits(source, content))
-        return replace(job, source=source, content=content, plan=energy)
-    except (ImageError, cv2.error):  # which is said where it is read
+    def _read(self, job: Job) -> Job:
+        """Return a job with its content, a frame's time, and the gradient energy as its plan."""
+        source = job.source
+        self.there += 1
+        try:
+            if job.refusal is not None:
+                return job
+            content = source.read()
+            if source.frame is not None:
+                source = replace(source, time_s=frame_time(source.path, source.frame))
+            energy = gradient_energy(_eight_bits(source, content))
+            return replace(job, source=source, content=content, plan=energy)
+        except EndOfVideo:
+            self.there -= 1
+        except (ImageError, cv2.error):  # which is said where it is read
+            pass
         return job
 
 

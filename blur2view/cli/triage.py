@@ -5,12 +5,13 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
-from blur2view.cli.choosing import Chosen, Pictures, candidates
+from blur2view.cli.choosing import Candidates, Chosen, Pictures
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import Length, flag, length, neighbours, option, radius
@@ -20,12 +21,13 @@ from blur2view.cli.terminal import verdict_line
 from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
-from blur2view.images.video import frame_rate
+from blur2view.images.video import frame_times
 from blur2view.records.record import explanations
 from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.results.triage import record_of_look
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
 
+ROUNDED_S = 0.001  # bound: Matroska rounds times to it
 USES = """
 sharp: the smear is at most --max-smear, and the smallest radius of defocus in the photograph is at most
     --max-defocus; such photographs are kept
@@ -113,7 +115,7 @@ class TriageOptions(Command):
         if self.extract is not None:
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
         if self.compares_gradients:
-            run.looked_at = candidates(self._groups(run.jobs))
+            run.looked_at = Candidates(self._groups(run.jobs))
         with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
             chosen = self._chosen(run.jobs, pictures)
             run.passed = chosen.add
@@ -137,8 +139,8 @@ class TriageOptions(Command):
             return
         uses = Counter(str(outcome.record.use) for _, outcome in run.outcomes)
         said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"
-        if said and self.compares_gradients:
-            said += f" of {len(run.jobs)}"
+        if said and isinstance(run.looked_at, Candidates):
+            said += f" of {run.looked_at.there}"
         if said and not kept:
             limits = f"--max-smear is {self.max_smear}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
@@ -172,17 +174,12 @@ class TriageOptions(Command):
         for job in jobs:
             folders.setdefault(job.source.folder, []).append(job)
         for own in folders.values():
-            count = self._neighbours(own[0].source)
-            groups += [own[first : first + count] for first in range(0, len(own), count)]
+            if isinstance(self.every_best, float):
+                groups += _parts(own, self.every_best)
+            else:
+                count = self.every_best or 1
+                groups += [own[first : first + count] for first in range(0, len(own), count)]
         return groups
-
-    def _neighbours(self, source: Source) -> int:
-        """Return of how many neighbours one is kept; ImageError for seconds of what is not a video."""
-        if self.every_best is None or isinstance(self.every_best, int):
-            return self.every_best or 1
-        if source.frame is None:
-            raise ImageError(f"{source}: is not a frame of a video; give --every-best a number")
-        return max(round(self.every_best * frame_rate(source.path) / self.reading.every), 1)
 
     def _chosen(self, jobs: Sequence[Job], pictures: Pictures | None) -> Chosen:
         """Return what takes the photographs that pass, and keeps some."""
@@ -202,6 +199,17 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     )
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
     return Outcome(record=record, summary=verdict_line(record) + used)
+
+
+def _parts(jobs: Sequence[Job], seconds: float) -> list[list[Job]]:
+    """Return the frames of each such time of a video; ImageError for what is not a video."""
+    first = jobs[0].source
+    if first.frame is None:
+        raise ImageError(f"{first}: is not a frame of a video; give --every-best a number")
+    times = frame_times(first.path)
+    at = [times[min(job.source.frame or 0, len(times) - 1)] for job in jobs]
+    parts = groupby(range(len(jobs)), key=lambda k: int((at[k] - at[0] + ROUNDED_S) / seconds))
+    return [[jobs[k] for k in part] for _, part in parts]
 
 
 def _listable(job: Job) -> Job:

@@ -40,11 +40,23 @@ def rows_towards(video: Path) -> tuple[int, int]:
     return ROWS_TOWARDS.get(turned % 360, (0, 1))
 
 
-def frame_rate(video: Path) -> float:
-    """Return the frames a second that a video states; ImageError if it states none, or cannot be opened."""
-    if (rate := float(_opened(video).get(cv2.CAP_PROP_FPS))) <= 0:
-        raise ImageError(f"{video}: states no frame rate; name frames by their numbers")
-    return rate
+def frame_times(video: Path) -> list[float]:
+    """Return the times in seconds at which frames are shown, in order, as the file states them, undecoded.
+
+    A video that states no times has those of its frame rate; ImageError if it states none either, or cannot
+    be opened.
+    """
+    reader = _Reader(video)
+    if not reader.capture.set(cv2.CAP_PROP_FORMAT, -1):  # packets as they are stored, not in order of time
+        raise ImageError(f"{video}: states no times; name frames by their numbers")
+    times = list[float]()
+    while reader.capture.grab():
+        times.append(float(reader.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000)
+    if len(set(times)) == len(times) > 0:
+        return sorted(times)
+    if reader.rate <= 0:
+        raise ImageError(f"{video}: states neither times nor a frame rate; name frames by their numbers")
+    return [k / reader.rate for k in range(reader.count)]
 
 
 def frame_numbers(
@@ -146,6 +158,7 @@ class _Reader:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.count = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))  # as announced
         self.rate = float(self.capture.get(cv2.CAP_PROP_FPS))  # frames a second, 0 if unknown
+        self.shown_s = 0.0  # stamp of the current frame
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame (H, W, 3), BGR."""
@@ -158,9 +171,8 @@ class _Reader:
     def time_s(self, number: int) -> float | None:
         """Return the time of a frame by its stamp, or else by the frames a second."""
         self._go_to(number)
-        stamp_s = float(self.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
-        if number == 0 or stamp_s > 0:
-            return max(stamp_s, 0.0)
+        if number == 0 or self.shown_s > 0:
+            return max(self.shown_s, 0.0)
         return number / self.rate if self.rate > 0 else None
 
     def _go_to(self, number: int) -> None:
@@ -172,6 +184,7 @@ class _Reader:
                 self.ended = True  # frames behind damage have no known number
                 raise self._end(number)
             self.position += 1
+            self.shown_s = float(self.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
 
     def _end(self, number: int) -> ImageError:
         """Return the reason why there is no frame of this number."""
@@ -181,7 +194,9 @@ class _Reader:
         line = f"ends after {self.position} of {self.count} frames; copy the video again"
         tail = min(TAIL_S * max(self.rate, 1.0), max(TAIL_SHARE * self.count, 1.0))
         end = EndOfVideo(f"{self.video}: {line}")
-        end.whole = self.count - self.position <= tail
+        # where the rate varies, Matroska's number is that of the mean rate, and the last frame's time tells
+        lacks_s = self.count / self.rate - self.shown_s if self.rate > 0 else TAIL_S + 1
+        end.whole = self.count - self.position <= tail or lacks_s <= TAIL_S
         return end
 
 

@@ -10,11 +10,12 @@ import pytest
 from PIL import Image
 
 from blur2view.arrays import AnyArray
-from blur2view.cli import run
-from blur2view.cli.choosing import NEIGHBOURS, candidates, sharpness_rank
+from blur2view.cli import choosing, run, triage
+from blur2view.cli.choosing import NEIGHBOURS, Candidates, sharpness_rank
 from blur2view.cli.jobs import Job
 from blur2view.images.inputs import Source
 from blur2view.images.pixels import gradient_energy
+from blur2view.images.video import EndOfVideo, frame_time, frame_times
 from blur2view.pipeline import estimate
 from blur2view.records.record import Record
 from tests.support.calls import Call
@@ -51,7 +52,7 @@ def test_candidates_are_the_quarter_with_most_gradients_two_at_least_read_once_a
     tmp_path: Path,
 ) -> None:
     clip = write_blurred(tmp_path / "a.mp4", [5, 1, 5, 5, 0.5, 5])
-    found = list(candidates([jobs_of(clip, 6)]))
+    found = list(Candidates([jobs_of(clip, 6)]))
     assert [job.source.frame for job in found] == [1, 4]
     np.testing.assert_array_equal(found[1].content, Source(path=clip, frame=4).read())
     assert found[1].source.time_s == pytest.approx(0.4)
@@ -59,21 +60,21 @@ def test_candidates_are_the_quarter_with_most_gradients_two_at_least_read_once_a
 
 def test_a_long_group_is_compared_in_runs_of_neighbours(tmp_path: Path) -> None:
     blurs = [1.0 + 0.1 * k for k in range(2 * NEIGHBOURS)]  # all of the sharpest come first
-    frames = [job.source.frame for job in candidates([jobs_of(write_blurred(tmp_path / "a.mp4", blurs), 24)])]
+    frames = [job.source.frame for job in Candidates([jobs_of(write_blurred(tmp_path / "a.mp4", blurs), 24)])]
     assert frames == [0, 1, 2, 12, 13, 14]
 
 
 def test_what_cannot_be_read_is_a_candidate_and_fails_where_it_is_read(tmp_path: Path) -> None:
     (tmp_path / "damaged.png").write_bytes(b"none")
     damaged, missing = (Job(source=Source(path=tmp_path / name)) for name in ("damaged.png", "missing.png"))
-    assert [job.source for job in candidates([[damaged, missing]])] == [damaged.source, missing.source]
+    assert [job.source for job in Candidates([[damaged, missing]])] == [damaged.source, missing.source]
 
 
 def test_what_opencv_does_not_decode_is_compared_as_well(tmp_path: Path) -> None:
     jobs = [Job(source=Source(path=tmp_path / f"{k}.tga")) for k in range(4)]
     for job, blur in zip(jobs, [5, 0.5, 5, 1], strict=True):
         Image.fromarray(texture(blur)).save(job.source.path)
-    found = list(candidates([jobs]))
+    found = list(Candidates([jobs]))
     assert [job.source for job in found] == [jobs[1].source, jobs[3].source]
     assert found[0].plan == pytest.approx(gradient_energy(texture(0.5)), rel=0.02)
 
@@ -112,6 +113,38 @@ def test_seconds_are_those_of_the_video(call: Call, tmp_path: Path, still: Path)
     assert first < 5 <= second
     assert "is not a frame of a video" in call("triage", still, "--every-best", "1s", "--keep", keep).line
     assert "expected a number as 10 or a duration as 0.5s" in call("triage", clip, "--every-best", "0s").line
+
+
+def test_frames_of_a_varying_rate_are_grouped_by_their_own_times(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip, keep = write_blurred(tmp_path / "a.mp4", [1] * 10), tmp_path / "keep.txt"
+    monkeypatch.setattr(
+        triage, "frame_times", lambda video: [0, 0.1, 0.2, 0.3, 0.4, 0.4995, 0.9, 2, 2.1, 2.2]
+    )
+    assert call("triage", clip, "--every-best", "0.5s", "--keep", keep) == 0
+    kept = [int(line[-6:]) for line in keep.read_text().splitlines()]
+    assert kept[0] < 5 <= kept[1] < 7 <= kept[2]
+
+
+def test_times_of_frames_are_those_of_decoding_them(tmp_path: Path) -> None:
+    clip = write_blurred(tmp_path / "a.mp4", [1] * 10)
+    assert frame_times(clip) == pytest.approx([frame_time(clip, k) for k in range(10)])
+
+
+def test_frames_that_a_video_only_announces_are_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(source: Source) -> AnyArray:
+        if source.frame is None or source.frame > 3:
+            raise EndOfVideo("ends after 4 of 6 frames")
+        return texture(1)
+
+    monkeypatch.setattr(Source, "read", read)
+    monkeypatch.setattr(choosing, "frame_time", lambda *_: 0.0)
+    jobs = jobs_of(tmp_path / "a.mp4", 6)
+    compared = Candidates([jobs[:2], jobs[2:]])
+    assert [job.source.frame for job in compared] == [0, 1, 2, 3, 4, 5] and compared.there == 4
 
 
 def test_a_candidate_is_looked_at_once_and_a_photograph_of_a_table_as_closely_as_it_needs(

@@ -123,18 +123,25 @@ def test_png_are_written_beside_pycolmap(tmp_path: Path) -> None:
     assert read_image(tmp_path / "a.png").shape == (20, 20, 3)
 
 
-@pytest.mark.parametrize(("announced", "whole"), [(40, True), (50, True), (51, False)])
+@pytest.mark.parametrize(
+    ("announced", "last_s", "whole"),
+    [(40, 3.9, True), (50, 3.9, True), (51, 3.9, False), (90, 3.9, False), (90, 8.5, True)],
+)  # the last one has a varying rate
 def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_there(
-    monkeypatch: pytest.MonkeyPatch, announced: int, whole: bool
+    monkeypatch: pytest.MonkeyPatch, announced: int, last_s: float, whole: bool
 ) -> None:
     frames = iter(range(40))  # fewer than announced, ten a second
     cut = SimpleNamespace(
         grab=lambda: next(frames, None) is not None,
-        get=lambda name: announced if name == cv2.CAP_PROP_FRAME_COUNT else 10.0,
+        get={
+            cv2.CAP_PROP_FRAME_COUNT: announced,
+            cv2.CAP_PROP_FPS: 10,
+            cv2.CAP_PROP_POS_MSEC: 1000 * last_s,
+        }.get,
         retrieve=lambda: (True, GREY),
     )
     monkeypatch.setattr(video, "_opened", lambda path: cut)
-    clip = Path(f"cut{announced}.mp4")
+    clip = Path(f"cut{announced}_{last_s}.mp4")
     assert read_frame(clip, 39).shape == GREY.shape
     for number in range(40, announced):
         with pytest.raises(EndOfVideo, match=f"ends after 40 of {announced} frames") as caught:
