@@ -34,7 +34,7 @@ def trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Trained:
     monkeypatch.setattr(train, "Drawing", small)
 
     def run(which: Which, out: str = "run", **words: Any) -> Path:
-        options = {"steps": 2, "batch": 2, "side": 128, "workers": 0, "held": 2, "every": 1}
+        options = {"steps": 2, "batch": 1, "side": 128, "workers": 0, "held": 1, "every": 1}
         train.main(which, [tmp_path], out=tmp_path / out, **options | words)
         return tmp_path / out
 
