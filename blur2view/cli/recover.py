@@ -1,7 +1,7 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
 import os
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +15,10 @@ from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.files import writable_folder
 
 if TYPE_CHECKING:
+    from blur2view.colmap.frame_sequence import FrameSequence
+    from blur2view.colmap.models import DatabaseIds
     from blur2view.colmap.recovery import Recovery
+    from blur2view.colmap.recovery_run import Notes
 
 TRACKS, NOTES = "tracks.db", "recovering.jsonl"
 WRITTEN = """
@@ -85,55 +88,31 @@ class RecoverOptions:
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
         # and SciPy with them, which no help needs
-        from blur2view.colmap.blurred_tracks import check_project, track_frames
+        from blur2view.colmap.blurred_tracks import track_frames
         from blur2view.colmap.frame_sequence import FrameSequence
         from blur2view.colmap.recovery import finished_recovery
-        from blur2view.colmap.recovery_run import Notes, recover_all
+        from blur2view.colmap.recovery_run import Notes
         from blur2view.exposure.sequence import frame_names
-        from blur2view.networks.model_file import usable_cores
         from blur2view.networks.smear_network import SmearNetwork
 
-        names, model, tracks = (
-            frame_names(self.frames_dir),
-            find_model(self.model, complain),
-            self.output / TRACKS,
-        )
-        refuse_other_model(self.output, model)
-        writable_folder(self.output)
-        if self.tracks is not None:
-            if os.path.lexists(tracks):
-                raise OutputError(f"{tracks}: already exists; move it away, or name another folder with -o")
-            check_project(self.tracks, names)
-        named = self.database or self.tracks
-        database, ids = named or noted(model, DATABASE), None
-        with nullcontext() if named else suppress(DatabaseError):  # nobody asked for the one that is noted
-            ids = None if database is None else read_ids(database)
-        interrupted, quiet = False, self.printing.quiet
+        names, model = frame_names(self.frames_dir), find_model(self.model, complain)
+        self._check_targets(model, names)
+        database, ids = self._database(model)
+        quiet = self.printing.quiet
         with waiting("recovering frames", hidden=quiet) as show:
             sequence = FrameSequence(model, self.frames_dir, names, SmearNetwork())
             if self.max_smear is not None:
                 width = next(iter(sequence.model.cameras.values())).width
                 sequence.set_aside(sequence.doubtful(self.max_smear.px(width)))
             notes = Notes(self.output / NOTES, sequence)
-            try:
-                recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
-            except KeyboardInterrupt:
-                if not sequence.recovered:
-                    raise
-                interrupted = True
-            if sequence.refused and not sequence.recovered and self.tracks is None:
-                notes.remove()
-                name, why = next(iter(sequence.refused.items()))
-                count = len(sequence.refused)
-                lacking = f"any of its {count} missing frames" if count > 1 else "its missing frame"
-                raise DatabaseError(f"{model}: could not recover {lacking}; {name}: {why}")
+            interrupted = self._recover(sequence, notes, show)
             recovery = finished_recovery(
                 sequence, ids, self.database, views=self.views or None, refine=self.refine
             )
             write_model(recovery.model, self.output, self.frames_dir, database)
         if self.tracks is not None and not interrupted:
             with waiting("matching blurred patches", hidden=quiet) as show:
-                track_frames(sequence, self.tracks, tracks, show)
+                track_frames(sequence, self.tracks, self.output / TRACKS, show)
         if not interrupted:
             notes.remove()
         if not quiet:
@@ -142,10 +121,55 @@ class RecoverOptions:
                 # COLMAP's mappers refuse images that have another number of keypoints than the database
                 print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
         if interrupted:
-            done = len(recovery.registered) + len(recovery.recovered) + len(recovery.refused)
-            left = plural(len(names) - done, "frame")
+            count_done = len(recovery.registered) + len(recovery.recovered) + len(recovery.refused)
+            left = plural(len(names) - count_done, "frame")
             complain(RunError(f"interrupted with {left} left; the same call goes on"))
         return INTERRUPTED if interrupted else 0
+
+    def _check_targets(self, model: Path, names: Sequence[str]) -> None:
+        """Refuse, before any work, what cannot be written, and a project for --tracks that cannot be used."""
+        from blur2view.colmap.blurred_tracks import check_project
+
+        refuse_other_model(self.output, model)
+        writable_folder(self.output)
+        if self.tracks is not None:
+            if os.path.lexists(tracks := self.output / TRACKS):
+                raise OutputError(f"{tracks}: already exists; move it away, or name another folder with -o")
+            check_project(self.tracks, names)
+
+    def _database(self, model: Path) -> tuple[Path | None, "DatabaseIds | None"]:
+        """Return the database that an option or the model's project.ini names, and its ids."""
+        named = self.database or self.tracks
+        database = named or noted(model, DATABASE)
+        try:
+            return database, None if database is None else read_ids(database)
+        except DatabaseError:
+            if named:
+                raise
+            return database, None  # nobody asked for the one that is noted
+
+    def _recover(self, sequence: "FrameSequence", notes: "Notes", show: Callable[[int, int], None]) -> bool:
+        """Recover the missing frames, and return whether Ctrl-C interrupted it, with some recovered.
+
+        DatabaseError if none could be.
+        """
+        from blur2view.colmap.recovery_run import recover_all
+        from blur2view.networks.model_file import usable_cores
+
+        interrupted = False
+        try:
+            recover_all(sequence, jobs=self.jobs or usable_cores(), notes=notes, show=show)
+        except KeyboardInterrupt:
+            if not sequence.recovered:
+                raise
+            interrupted = True
+        if sequence.refused and not sequence.recovered and self.tracks is None:
+            notes.remove()
+            name, why = next(iter(sequence.refused.items()))
+            count = len(sequence.refused)
+            lacking = f"any of its {count} missing frames" if count > 1 else "its missing frame"
+            raise DatabaseError(f"{sequence.source}: could not recover {lacking}; {name}: {why}")
+        return interrupted
 
     def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
         """Print what became of the frames, so many in all."""
