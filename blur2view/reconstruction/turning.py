@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from blur2view.camera import normalised_points
-from blur2view.colmap.blurred_pose import pose_at, projected
+from blur2view.colmap.blurred_pose import pose_at
 from blur2view.colmap.frame_sequence import FrameSequence
+from blur2view.colmap.warped_view import projected
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, relative_motion, turning
 
 
@@ -23,7 +24,7 @@ def turnings(sequence: FrameSequence, names: Sequence[str]) -> dict[str, tuple[f
         if not np.isfinite([first, last]).all():
             continue
         recovered = sequence.recovered.get(name)
-        ids = sorted(sequence.observed_points(name)) if recovered is None else recovered.points
+        ids = sorted(sequence.observed_points(name)) if recovered is None else recovered.points.tolist()
         angle, sigma = turning(_exposed(sequence, name, ids, time), last - first)
         if recovered is not None:  # whose motion is corrected by its neighbours' pictures
             ends = [pose_at(t, recovered.pose, recovered.motion) for t in (-0.5, 0.5)]
