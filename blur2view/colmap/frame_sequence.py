@@ -38,7 +38,7 @@ MIN_POINTS = 30  # that are found in a frame
 MIN_FOUND = 0.1  # share of the points in the picture that are found
 MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
 MAX_DEPARTURE = 6.0  # standard deviations of the spline
-WEAK_SHARE = 0.2  # of the points that the median frame sees: fewer are few
+WEAK_SHARE = 0.5  # of the points that the median frame sees: fewer are few
 MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points are found than
 SURE_FOUND = 0.5  # share of the points in the picture
 # These and SPLINE_TAIL by likelihood and coverage of 11 rendered frames, runs of 3 of
@@ -137,7 +137,9 @@ class FrameSequence:
         """Return the registered frames that see little of what others see, and are off their path.
 
         Of a burst of RedKitchen's frames COLMAP registered one with 30 points, where others see 640, 2.5
-        degrees and 7.8 steps off, and neighbours were refused that do not agree with it.
+        degrees and 7.8 steps off, and neighbours were refused that do not agree with it. Of a rendered video
+        it registered a sharp one with 205 points of 727, 3.9 degrees off: 14.7 standard deviations, where no
+        other frame of these sequences has more than 5.
         """
         seen = {name: len(observed(self.model, image)) for name, image in self.images.items()}
         weak = [name for name, count in seen.items() if count < WEAK_SHARE * median(seen.values())]

@@ -1,6 +1,6 @@
 """By how much the camera turned during each exposure of a scene, from smears at points of known depth."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def turnings(sequence: FrameSequence, names: Sequence[str]) -> dict[str, tuple[f
     return found
 
 
-def _exposed(sequence: FrameSequence, name: str, ids: Sequence[int], time: float) -> ExposedFrame:
+def _exposed(sequence: FrameSequence, name: str, ids: Iterable[int], time: float) -> ExposedFrame:
     """Return the smears of a frame where it sees points of the model, by their ids."""
     view, world = sequence.view(name), sequence.world(ids)
     pixels = projected(view.camera, view.points(world))
