@@ -175,6 +175,7 @@ def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(photograph: Path, t
     if not photograph.exists():
         pytest.skip(f"{photograph} is not here")
     picture, exif = Image.open(photograph).convert("RGB"), Image.Exif()
+    picture.thumbnail((640, 640))
     exif[0x0112] = 6  # shown upright after a quarter turn clockwise
     picture.save(tmp_path / "as.png")
     picture.save(tmp_path / "as.jpg", quality=92)
