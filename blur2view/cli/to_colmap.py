@@ -108,7 +108,7 @@ class ToColmapOptions(Command):
         done = [(job, outcome.record, outcome.part) for job, outcome in run.outcomes if outcome.part]
         if run.early_exit_code or not done:
             return run.exit_code
-        views = [of_photograph for _, _, of_photograph in done]
+        views = [photograph_views for _, _, photograph_views in done]
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}", hidden=self.printing.quiet):
             if self.link:
                 backup = write_links(db, views, backup=self.backup)

@@ -100,13 +100,13 @@ def match_features(features1: Features, features2: Features) -> Matches:
     similarity[rows, best] = -np.inf
     clear = 1 - first < RATIO**2 * (1 - similarity.max(axis=1))
     chosen = np.flatnonzero(clear & (back[best] == rows))
-    points1, points2, kept = points1[chosen], points2[best[chosen]], np.zeros(0, bool)
+    points1, points2, fits = points1[chosen], points2[best[chosen]], np.zeros(0, bool)
     if len(chosen) >= MIN_VERIFIED:
         bound = MAX_F_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MATCHED_SIDE_PX)
         with suppress(cv2.error):  # of a few pixels over and over, as noise may match (usac/estimator.cpp)
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
-            kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
-    return (points1[kept], points2[kept]) if kept.sum() >= MIN_VERIFIED else (NO_POINTS, NO_POINTS)
+            fits = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
+    return (points1[fits], points2[fits]) if fits.sum() >= MIN_VERIFIED else (NO_POINTS, NO_POINTS)
 
 
 class Series(Generic[Frame]):

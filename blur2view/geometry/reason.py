@@ -78,9 +78,9 @@ def _pose(geometry: TwoViewGeometry) -> list[str]:
         return []
     if geometry.config is Configuration.PANORAMIC and geometry.H is not None:
         return ["the pose is the rotation that explains the smears alone"]
-    known, said = bool(pose.translation.any()), []
-    if known or geometry.F is not None:
-        said.append("E was fitted to the known intrinsics")
-    if not known:
-        said.append("the pose is the mean rotation over all directions of translation")
-    return said
+    has_translation, sentences = bool(pose.translation.any()), []
+    if has_translation or geometry.F is not None:
+        sentences.append("E was fitted to the known intrinsics")
+    if not has_translation:
+        sentences.append("the pose is the mean rotation over all directions of translation")
+    return sentences

@@ -279,12 +279,12 @@ class Record:
             stored = None
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is not a JSON document of a photograph")
-        known = [entry for entry in fields(cls) if entry.name in stored]
-        for entry in known:
+        stored_fields = [entry for entry in fields(cls) if entry.name in stored]
+        for entry in stored_fields:
             kinds = [TYPES[kind.partition("[")[0]] for kind in str(entry.type).split(" | ")]
             if not isinstance(stored[entry.name], tuple(kinds)):
                 raise ValueError(f"{entry.name} is not a value of {entry.type}")
-        return cls(**{entry.name: stored[entry.name] for entry in known})
+        return cls(**{entry.name: stored[entry.name] for entry in stored_fields})
 
 
 def plain(value: Any) -> Any:

@@ -103,12 +103,12 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     return "one colour all over, or transparent" if high - low < 1 / 255 else ""
 
 
-def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None = None) -> Blur:
+def with_length(blur: Blur, grid: SmearGrid, kind_weight: NDArray[np.float64] | None = None) -> Blur:
     """Return the blur with length, standard deviation and direction of the photograph's smear.
 
     Length and deviation are medians over the cells, weighed by ``1 / (c^2 + (sigma / (length + 2 px))^2)``,
-    c KNOWN_BEST, and by the probability ``of_kind`` (h, w), by default 1. Without texture the blur stays as
-    it is.
+    c KNOWN_BEST, and by the probability ``kind_weight`` (h, w), by default 1. Without texture the blur
+    stays as it is.
     """
     smears, sigma = grid.smears(), grid.sigma_px
     textured = sigma < UNSEEN_PX
@@ -117,7 +117,7 @@ def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None
     weight = textured / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
     if grid.kinds is not None:
         weight = weight * (1 - grid.kinds[..., CANNOT_TELL])
-    weight = weight if of_kind is None else weight * of_kind
+    weight = weight if kind_weight is None else weight * kind_weight
     x, y = (to_double_angle(smears.displacement) * weight[..., None]).sum((0, 1))
     common = np.hypot(x, y) > COMMON_DIRECTION * (smears.length_px * weight).sum()
     return replace(

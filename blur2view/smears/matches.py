@@ -142,14 +142,14 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     sigma = np.maximum(smears.sigma_px.astype(np.float64), TINY_SIGMA_PX)
     order = np.argsort(sigma, kind="stable")
     count = min(int(np.ceil(options.beta * len(length))), options.max_matches)
-    kept = np.sort(order[(length >= MIN_MATCH_PX)[order]][:count])
+    chosen = np.sort(order[(length >= MIN_MATCH_PX)[order]][:count])
     noise = INDEPENDENT
     if grid.window_px is not None:
         noise = NoiseModel.for_cells(step * grid.stride, grid.window_px)
     return SmearMatches(
-        ends=smear_ends(points[kept], smears.displacement[kept]),
-        sigma_px=sigma[kept],
+        ends=smear_ends(points[chosen], smears.displacement[chosen]),
+        sigma_px=sigma[chosen],
         image_size=grid.size,
-        across_px=across_px(length, smears.sigma_rad.astype(np.float64))[kept],
+        across_px=across_px(length, smears.sigma_rad.astype(np.float64))[chosen],
         shared=noise,
     )
