@@ -171,7 +171,7 @@ class Estimating:
     beta: float = rare_option(
         """--beta SHARE: share of the network's smears that the estimator uses, the most certain ones first,
         above 0 and at most 1; the network reads a smear every 32 pixels,
-        of 1.2 megapixels and more fewer (default: %(default)s)""",
+        of more than 2.5 megapixels fewer (default: %(default)s)""",
         SelectOptions.beta,
     )
     max_error: float = rare_option(

@@ -47,7 +47,7 @@ from blur2view.smears.likelihood import DIRECTIONS, marginals, read_smears
 from blur2view.smears.noise import WINDOW_PX
 
 MIN_SIDE_PX = 64  # of the smallest octave, mirrored up to it: two cells, more than its mirrored border
-LARGE_PX = 2_500_000  # bound, pixels: of smaller photographs the network keeps all memory
+LARGE_PX = 2_500_000  # bound, pixels: all windows of smaller photographs are read, and all memory is kept
 ROWS = 4  # of cells, decoded at a time: a core's cache holds their likelihoods
 VALUES = CELL_VALUES + DIRECTIONS + LENGTHS  # of a cell
 STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as floats
@@ -56,7 +56,7 @@ STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a larg
 class Detail(StrEnum):
     """The purpose of a photograph's smears, which decides how many windows are read."""
 
-    GEOMETRY = "geometry"  # motion and masks: of 1.2 megapixels and more some hundred windows an octave
+    GEOMETRY = "geometry"  # motion and masks: of more than 2.5 megapixels some thousand windows
     RANKING = "ranking"  # the order of photographs by their blur, and its kind: some fifty an octave
     CLOSER = "closer"  # the kind of blur, where the one before leaves it open: some hundred an octave
 
@@ -70,10 +70,10 @@ def is_large(shape: tuple[int, ...]) -> bool:
     return shape[0] * shape[1] > WHOLE_PX
 
 
-MIN_CELLS = 300
-"""Cells of a photograph of which not all windows are read, at least, and at most four times as many: the
-errors of neighbours are alike. F through every second, fourth and ninth cell of 640x480 (33 frames of
-RedKitchen, 300 to 31 cells) has a mean rho of 0.047, 0.047 and 0.044, and 0.047 through all."""
+MIN_CELLS = 700
+"""Cells of a photograph of which not all windows are read, at least, and at most four times as many. With 300
+F is as good (mean rho of 33 frames of RedKitchen through every second, fourth and ninth cell 0.047, 0.047 and
+0.044, through all 0.047), but a rotation is less sure: of `models/desk.jpg` 0.23 instead of 0.51."""
 
 
 @runtime_checkable
@@ -218,7 +218,8 @@ def _shares(smears: Floats, threads: int) -> Floats:
 
 def _spread(shape: tuple[int, ...]) -> int:
     """Return log2 of the distance of windows over 32 px; 0 if every window is read."""
-    return int(np.log2(max(shape[0] * shape[1] / STEP**2 / MIN_CELLS, 1))) // 2
+    pixels = shape[0] * shape[1]
+    return int(np.log2(max(pixels / STEP**2 / MIN_CELLS, 1))) // 2 if pixels > LARGE_PX else 0
 
 
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
