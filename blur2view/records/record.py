@@ -17,7 +17,7 @@ from typing import Any, Protocol, Self
 
 from blur2view.geometry.configuration import MotionModel
 from blur2view.records.verdict import decide_use, verdict
-from blur2view.smears.blur import BlurKind
+from blur2view.smears.blur import CAMERA_KINDS
 from blur2view.two_view.constants import TRANSLATION_RULE
 
 Matrix = list[list[float]]
@@ -235,7 +235,7 @@ class Record:
 
     def moved(self) -> bool:
         """Return whether the camera moved, so that a geometry was looked for."""
-        return self.blur in (BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
+        return self.blur in CAMERA_KINDS
 
     def has_geometry(self) -> bool:
         """Return whether F or H explains the smears, so that the views of the exposure are of use."""

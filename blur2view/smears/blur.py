@@ -42,7 +42,11 @@ class BlurKind(StrEnum):
     @property
     def of_camera(self) -> bool:
         """Whether the camera moved, so that two views of the exposure differ."""
-        return self in (BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
+        return self in CAMERA_KINDS
+
+
+CAMERA_KINDS = BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED
+"""The kinds of blur of a camera that moved."""
 
 
 @dataclass(frozen=True, kw_only=True)
