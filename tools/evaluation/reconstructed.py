@@ -5,7 +5,8 @@ frames of a sequence that has a ``model``. With ``--wider 1`` or more runs of 5 
 ``--known-camera`` all ways get the model's camera, with ``--foreign FOLDER`` frames of another scene stand
 for one in three. With ``--parts 20 40`` the first, middle and last so many frames are measured by themselves,
 with ``--scenes 4`` so many rendered videos of a hand's shake (`VideoOptions`) whose runs have long exposures.
-A scene that is there is gone on with.
+``--frames 16`` chooses at most so many frames, as of longer videos, where of 60 or fewer all are chosen. A
+scene that is there is gone on with.
 """
 
 import os
@@ -167,11 +168,14 @@ def of_rendering(work: Path, frames: Path, seed: int) -> tuple[Poses, str]:
 
 
 def measured(
-    frames: Path, true: Poses, camera: str, case: tuple[str, str], foreign: Path | None = None
+    frames: Path,
+    true: Poses,
+    options: ReconstructionOptions,
+    case: tuple[str, str],
+    foreign: Path | None = None,
 ) -> list[tuple[str, ...]]:
     """Return the rows of frames with true poses; a scene that is there is gone on with."""
     names, work = list(true), frames.parent
-    options = ReconstructionOptions(all_frames=True, camera=camera)
     there = (work / "scene" / "report.html").exists()
     others = put_among(frames, names, foreign, 20) if foreign else []
     begun = cpu_s()
@@ -194,31 +198,40 @@ def main(
     sequence: Existing,
     work: Path,
     *,
-    wider: list[int] = [0],  # noqa: B006
+    wider: list[int] = [],  # noqa: B006
     parts: list[int] = [],  # noqa: B006
     scenes: int = 0,
+    frames: int = 300,
     known_camera: bool = False,
     foreign: Existing | None = None,
     out: Target | None = None,
 ) -> None:
-    """Measure a sequence, its runs averaged over so many frames before and after, and rendered videos."""
+    """Measure a sequence, its runs averaged over so many frames before and after, and rendered videos.
+
+    The sequence as it is, if nothing else is asked for.
+    """
     rows, known = list[tuple[str, ...]](), "known" if known_camera else "found"
-    for count in wider:
+    common = ReconstructionOptions(all_frames=True, frames=frames)
+
+    def options(camera: str) -> ReconstructionOptions:
+        return replace(common, camera=camera * known_camera)
+
+    for count in wider or [0] * (not parts and not scenes):
         folder = work / f"wider_{count}{'_known' * known_camera}{'_foreign' * bool(foreign)}"
         true, camera = of_sequence(sequence, folder / "frames", count)
-        rows += measured(folder / "frames", true, camera * known_camera, (str(count), known), foreign)
+        rows += measured(folder / "frames", true, options(camera), (str(count), known), foreign)
         publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
     every = len(pycolmap.Reconstruction(sequence / "model").images)
     firsts = [(n, place, share * (every - n) // 2) for n in parts for share, place in enumerate(PLACES)]
     for count, place, first in firsts:
         folder = work / f"{place}_{count}{'_known' * known_camera}"
         true, camera = of_sequence(sequence, folder / "frames", 0, slice(first, first + count))
-        rows += measured(folder / "frames", true, camera * known_camera, (f"0, {place} {count}", known))
+        rows += measured(folder / "frames", true, options(camera), (f"0, {place} {count}", known))
         publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
     for seed in range(scenes):
         folder = work / f"rendered_{seed}{'_known' * known_camera}"
         true, camera = of_rendering(folder, folder / "frames", seed)
-        rows += measured(folder / "frames", true, camera * known_camera, (f"rendered {seed}", known))
+        rows += measured(folder / "frames", true, options(camera), (f"rendered {seed}", known))
         publish(out, "# Scenes of blurred videos", LEAD, table(HEAD, rows))
 
 
