@@ -283,7 +283,7 @@ def segment(
 
     Pixels about which the picture is smooth are unobservable. The shipped network reads the photograph anew
     if the estimate's smears are not those of a `SmearNetwork` in ``Detail.GEOMETRY``. Where the estimate has
-    already found what moves in a photograph of at most 0.6 megapixels (``estimate.moving``), that is taken,
+    already found what moves in a photograph of at most 0.65 megapixels (``estimate.moving``), that is taken,
     and ``rng`` is not used.
 
     Parameters

@@ -191,7 +191,7 @@ def test_a_cheap_look_that_leaves_the_blur_open_reads_all_windows_and_others_do_
 @pytest.mark.parametrize("detail", [Detail.RANKING, Detail.GEOMETRY])
 def test_what_blurred_a_large_photograph_is_named_by_the_same_looks_for_any_purpose(detail: Detail) -> None:
     reader = Reader(SHARP, differs=True)
-    levels = np.random.default_rng(0).integers(0, 256, (700, 900, 3), np.uint8)
+    levels = np.random.default_rng(0).integers(0, 256, (800, 900, 3), np.uint8)
     seen = estimate(levels, network=reader, detail=detail)
     last = [Detail.GEOMETRY] if detail is Detail.GEOMETRY else []
     assert reader.details == [Detail.RANKING, Detail.CLOSER, *last] and seen.blur.kind == "sharp"

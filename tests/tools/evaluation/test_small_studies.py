@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from blur2view.movers.mask import MotionMask
+from blur2view.smears.blur import Blur, BlurKind
 from tools.datasets import blurred_photographs
-from tools.evaluation import blur_kinds, chosen_frames
+from tools.evaluation import blur_kinds, chosen_frames, looks
 from tools.evaluation.segmentation import judge
 from tools.rendering import video
 
@@ -30,6 +31,20 @@ def test_most_kinds_of_blur_of_a_photograph_of_grain_are_named(
     assert np.mean([one.kind == one.picture.kind for one in clear]) > 0.7
     text = "\n".join(map(str, blur_kinds.page(rows)))
     assert "nan" not in text and "| camera moved 12 px, 1/8 | 1 |" in text and "| 25 px | 1 |" in text
+
+
+def test_looks_are_compared_with_the_estimate() -> None:
+    sharp, moved = Blur(kind=BlurKind.SHARP, smear_px=0.5), Blur(kind=BlurKind.CAMERA_MOVED, smear_px=9.0)
+    estimate, cheap = (
+        [looks.Look(blur, blur is again, 1.0) for blur in (sharp, moved)] for again in (None, moved)
+    )
+    wrong = [cheap[0], cheap[1]._replace(blur=sharp)]
+    rows = list(looks.rows(list(zip(estimate, cheap, wrong, strict=True)), [48, 96]))
+    assert [row[:5] for row in rows] == [
+        ("`estimate`", "all", 2, 0, 0),
+        ("`triage`", 48, 2, 0, 1),
+        ("`triage`", 96, 2, 1, 1),
+    ]
 
 
 def test_masks_are_judged_by_what_moves() -> None:
