@@ -29,10 +29,9 @@ from blur2view.records.verdict import Use
 
 NEIGHBOURS = 12  # bound: of so many at most gradients are compared, because they show the same things
 SHARE, LEAST = 4, 2
-"""Of so many neighbours the network reads one, but two at least. Of 3 to 15 neighbours in seven videos whose
-path is known, the chosen frame was 1.038 times as blurred as the best one; with a third, chosen by the sum of
-squared gradients and ranked by the network alone, 1.055."""
-
+"""Of so many neighbours the network reads one, but two at least. Of 3 to 15 neighbours in nine videos (page
+chosen_frames.md of tools/results) the chosen frame was 1.039 times as blurred as the best one; with a third,
+chosen by the sum of squared gradients and ranked by the network alone, 1.051."""
 MIN_WIDTH_PX = 1.0  # bound: shorter widths of blur differ by noise
 
 
