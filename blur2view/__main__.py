@@ -49,7 +49,8 @@ def program() -> int:
         from blur2view.cli.commands import main
 
         code = main()
-        if code == INTERRUPTED or all(one.daemon for one in threading.enumerate()[1:]):
+        watched = sys.getprofile() or sys.gettrace()  # by a profiler or debugger, which writes at the end
+        if code == INTERRUPTED or not (watched or any(not one.daemon for one in threading.enumerate()[1:])):
             leave(code)  # a network may still run in its thread, and nobody waits for it
         return code
     except KeyboardInterrupt:  # during an import
