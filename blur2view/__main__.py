@@ -27,6 +27,7 @@ def address_space_mib() -> float:
 
 def program() -> int:
     """Return the exit code of the command line in a process of its own, where nobody else prints."""
+    opening = None
     try:
         for name in ("stdin", "stdout", "stderr"):
             if getattr(sys, name) is None:  # closed: the next file that opens would take its place
@@ -45,7 +46,7 @@ def program() -> int:
                 file=sys.stderr,
             )
             return 1
-        begin_to_open_network(sys.argv[1:])
+        opening = begin_to_open_network(sys.argv[1:])
         from blur2view.cli.commands import main
 
         code = main()
@@ -55,6 +56,7 @@ def program() -> int:
         return code
     except KeyboardInterrupt:  # during an import
         print("blur2view: interrupted", file=sys.stderr)
+        leave(INTERRUPTED)
         return INTERRUPTED
     except (ImportError, MemoryError) as error:  # during an import as well; too little memory may cause it
         reason = " ".join(str(error).split()) or "too little memory"
@@ -63,16 +65,21 @@ def program() -> int:
             file=sys.stderr,
         )
         return 1
+    finally:
+        if opening is not None:
+            opening.join()  # the interpreter's end would abort the process while a network is opened
 
 
-def begin_to_open_network(words: list[str]) -> None:
+def begin_to_open_network(words: list[str]) -> threading.Thread | None:
     """Open the shipped network in a thread, if a command line will ask for it, beside all other imports."""
-    if words and words[0] in READERS and not any(word.startswith(NOT_SHIPPED) for word in words):
+    asked = bool(words) and words[0] in READERS and "_ARGCOMPLETE" not in os.environ
+    if asked and not any(word.startswith(NOT_SHIPPED) for word in words):
         import cv2  # noqa: F401  not in two threads at once: for an instant its import shows half of it
 
         from blur2view.networks.ahead import open_ahead
 
-        open_ahead()
+        return open_ahead()
+    return None
 
 
 def leave(code: int) -> None:

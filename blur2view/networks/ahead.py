@@ -6,9 +6,11 @@ from threading import Thread
 from blur2view.networks.model_file import SMEAR, Execution, shipped
 
 
-def open_ahead() -> None:
-    """Open the shipped smear network and make its tables in a thread, which nothing waits for."""
-    Thread(target=_open, daemon=True).start()
+def open_ahead() -> Thread:
+    """Open the shipped smear network and make its tables in a thread, which is returned."""
+    opening = Thread(target=_open, daemon=True)
+    opening.start()
+    return opening
 
 
 def _open() -> None:
