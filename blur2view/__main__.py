@@ -51,9 +51,7 @@ def program() -> int:
 
         try:
             code = main()
-        except (
-            SystemExit
-        ) as end:  # of a help or wrong usage; an end as usual may abort in the network's thread
+        except SystemExit as end:  # after which the interpreter might abort in the network's thread
             code = end.code if isinstance(end.code, int) else 0
         watched = sys.getprofile() or sys.gettrace()  # by a profiler or debugger, which writes at the end
         if code == INTERRUPTED or not (watched or any(not one.daemon for one in threading.enumerate()[1:])):
