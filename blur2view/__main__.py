@@ -49,10 +49,7 @@ def program() -> int:
         opening = begin_to_open_network(sys.argv[1:])
         from blur2view.cli.commands import main
 
-        try:
-            code = main()
-        except SystemExit as end:  # after which the interpreter might abort in the network's thread
-            code = end.code if isinstance(end.code, int) else 0
+        code = main()
         watched = sys.getprofile() or sys.gettrace()  # by a profiler or debugger, which writes at the end
         if code == INTERRUPTED or not (watched or any(not one.daemon for one in threading.enumerate()[1:])):
             leave(code)  # a network may still run in its thread, and nobody waits for it
