@@ -5,6 +5,7 @@ import os
 import sys
 import threading
 import warnings
+from contextlib import suppress
 
 # MiB of address space, which `ulimit -v` may limit: no command works with less, and of 385 to 640 OpenBLAS or
 # the loader end the process without a line, or it hangs
@@ -50,7 +51,8 @@ def program() -> int:
         from blur2view.cli.commands import main
 
         code = main()
-        watched = sys.getprofile() or sys.gettrace()  # by a profiler or debugger, which writes at the end
+        tools = getattr(sys, "monitoring", None)  # of Python 3.12, by which its profiler watches
+        watched = sys.getprofile() or sys.gettrace() or (tools and any(map(tools.get_tool, range(6))))
         if code == INTERRUPTED or not (watched or any(not one.daemon for one in threading.enumerate()[1:])):
             leave(code)  # a network may still run in its thread, and nobody waits for it
         return code
@@ -67,7 +69,8 @@ def program() -> int:
         return 1
     finally:
         if opening is not None:
-            opening.join()  # the interpreter's end would abort the process while a network is opened
+            with suppress(KeyboardInterrupt):
+                opening.join()  # the interpreter's end would abort the process while a network is opened
 
 
 def begin_to_open_network(words: list[str]) -> threading.Thread | None:

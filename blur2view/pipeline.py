@@ -18,6 +18,7 @@ from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader, is_large
+from blur2view.networks.spectra import STEP
 from blur2view.records.record import Record, plain
 from blur2view.smears.blur import Blur, nothing_seen
 from blur2view.smears.camera_motion import Evidence, Needed
@@ -324,6 +325,9 @@ def segment(
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(rng or 0)
+    if grid.stride % STEP or (grid.stride // STEP).bit_count() != 1:  # of a look, too coarse for masks
+        execution = estimate.execution
+        grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
     moving = None if is_large(image.shape) else estimate.moving
     return motion_mask(moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 

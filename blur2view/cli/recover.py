@@ -121,8 +121,8 @@ class RecoverOptions:
                 # COLMAP's mappers refuse images that have another number of keypoints than the database
                 print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
         if interrupted:
-            count_done = len(recovery.registered) + len(recovery.recovered) + len(recovery.refused)
-            left = plural(len(names) - count_done, "frame")
+            asked = sum(map(len, sequence.rounds()))
+            left = plural(asked - len(sequence.recovered) - len(sequence.refused), "frame")
             complain(RunError(f"interrupted with {left} left; the same call goes on"))
         return INTERRUPTED if interrupted else 0
 
@@ -163,10 +163,11 @@ class RecoverOptions:
             if not sequence.recovered:
                 raise
             interrupted = True
-        if sequence.refused and not sequence.recovered and self.tracks is None:
+        lacking_still = {name: why for name, why in sequence.refused.items() if name not in sequence.aside}
+        if lacking_still and not sequence.recovered and self.tracks is None:
             notes.remove()
-            name, why = next(iter(sequence.refused.items()))
-            count = len(sequence.refused)
+            name, why = next(iter(lacking_still.items()))
+            count = len(lacking_still)
             lacking = f"any of its {count} missing frames" if count > 1 else "its missing frame"
             raise DatabaseError(f"{sequence.source}: could not recover {lacking}; {name}: {why}")
         return interrupted

@@ -114,7 +114,7 @@ class TriageOptions(Command):
             run.jobs = [_listable(job) for job in run.jobs]
         if self.extract is not None:
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
-        if self.compares_gradients:
+        if all(map(self.compares_gradients, run.jobs)):
             run.looked_at = Candidates(self._groups(run.jobs))
         with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
             chosen = self._chosen(run.jobs, pictures)
@@ -155,10 +155,13 @@ class TriageOptions(Command):
         counts = {counted.get(use, use): uses[use] for use in (*Use, "")}
         print_counts(run, counts, run.table, self.keep, self.extract if kept else None, said=said)
 
-    @property
-    def compares_gradients(self) -> bool:
-        """Whether gradients leave out most neighbours before the network looks; a table has a row of all."""
-        return self.table.csv is None and (self.every_best or self.best) is not None
+    def compares_gradients(self, job: Job) -> bool:
+        """Whether a photograph has neighbours, of which gradients leave out most before the network looks.
+
+        A table has a row of all; the best of photographs that show different things are not neighbours.
+        """
+        of_video = self.best is not None and job.source.frame is not None
+        return self.table.csv is None and (self.every_best is not None or of_video)
 
     def _groups(self, jobs: Sequence[Job]) -> list[list[Job]]:
         """Return the groups of photographs of each of which the sharpest is kept."""
@@ -195,7 +198,7 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
         lambda **asked: estimate_file(options, job, **asked).record(),
         lambda record: (options.max_smear.px(record.width or 0), options.max_defocus),
         blurred=options.blurred,
-        closer=not options.compares_gradients,
+        closer=not options.compares_gradients(job),
     )
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
     return Outcome(record=record, summary=verdict_line(record) + used)

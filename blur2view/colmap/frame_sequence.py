@@ -115,8 +115,14 @@ class FrameSequence:
         return [name for name in alone if name in misplaced or self._smear_px(name) > max_smear_px]
 
     def _smear_px(self, name: str) -> float:
-        """Return the median length of a registered frame's smears at the points that it sees; 0 of none."""
-        view = self.view(name)
+        """Return the median length of a registered frame's smears at the points that it sees; 0 of none.
+
+        A file that cannot be read has none, and its frame keeps its pose.
+        """
+        try:
+            view = self.view(name)
+        except ImageError:
+            return 0.0
         pixels = view.project(self.world(self.observed_points(name)))
         lengths = np.linalg.norm(view.smears(pixels[np.isfinite(pixels).all(axis=1)])[0], axis=1)
         return float(np.median(lengths)) * view.grid.size[0] / view.camera.width if len(lengths) else 0.0
@@ -187,10 +193,11 @@ class FrameSequence:
         return replace(self._read(name), pose=self.poses[name] if pose is None else pose)
 
     def _read_frame(self, name: str) -> View:
-        """Read a frame, with the camera of the nearest registered one."""
+        """Read a frame, with its own camera, or that of the nearest registered one."""
         picture = read_picture(self.folder / name, as_stored=True)
         width, height = picture.size
-        camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
+        image = self.images.get(name) or self.aside.get(name) or self.images[self.near(name)[0]]
+        camera = self.model.cameras[image.camera_id]
         if (camera.width, camera.height) != (width, height):
             raise ImageError(
                 f"{self.folder / name}: has {width}x{height} pixels, but the model's camera "

@@ -18,7 +18,7 @@ from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, frame_time, frame_times
 from blur2view.pipeline import estimate
 from blur2view.records.record import Record
-from tests.support.calls import Call
+from tests.support.calls import Call, call_program
 from tests.support.many_photographs import contents, write_frames
 
 
@@ -161,3 +161,16 @@ def test_a_candidate_is_looked_at_once_and_a_photograph_of_a_table_as_closely_as
     assert call("triage", clip, "--every-best", 6, "--keep", tmp_path / "k.txt", "--jobs", 1) == 0
     assert call("triage", clip, "--jobs", 1) == 0
     assert closer == [False] * 2 + [True] * 6
+
+
+def test_the_best_photographs_are_the_least_blurred_not_those_of_most_contrast(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "photos").mkdir()
+    for name, blur_px, contrast in (("bold", 6.0, 1.0), ("pale", 3.0, 0.25)):
+        picture = 128 + contrast * 6 * (texture(blur_px, (640, 480)).astype(float) - 128)
+        Image.fromarray(picture.clip(0, 255).astype(np.uint8)).save(tmp_path / "photos" / f"{name}.png")
+    kept = tmp_path / "kept.txt"
+    words = ["triage", tmp_path / "photos", "--best", "1", "--keep", kept, "--jobs", "1"]
+    assert call_program(capsys, *words) == 0
+    assert kept.read_text() == "pale.png\n"

@@ -2,12 +2,16 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pycolmap
 import pytest
 from PIL import Image
 
+from blur2view.cli.recover import RecoverOptions
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
+from blur2view.errors import DatabaseError
 from tests.support.blurred_plane import BlurredPlane
 from tests.support.calls import call_program
 
@@ -28,6 +32,17 @@ def test_registered_frames_may_not_all_be_posed_anew(
     done = call_program(capsys, *words, "0.1%")
     assert done == 1 and "fewer than two frames with shorter smears" in done.err
     assert not (tmp_path / "all").exists()
+
+
+def test_only_missing_frames_that_are_all_refused_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("blur2view.colmap.recovery_run.recover_all", lambda *_, **__: None)
+    options: Any = RecoverOptions(model=Path("m"), frames_dir=Path("f"), output=Path("o"))
+    notes: Any = SimpleNamespace(remove=lambda: None)
+    sequence: Any = SimpleNamespace(refused={"a.png": "why"}, recovered={}, aside={"a.png": None}, source="m")
+    assert not options._recover(sequence, notes, print)  # COLMAP's pose stays
+    sequence.aside = {}
+    with pytest.raises(DatabaseError, match="could not recover its missing frame; a.png: why"):
+        options._recover(sequence, notes, print)
 
 
 def test_every_frame_is_counted_and_written(
