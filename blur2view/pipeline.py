@@ -114,12 +114,12 @@ class Estimate:
             values["moving_share"] = mask.shares["moving"]
         return Record(**{key: plain(value) for key, value in (values | stated).items()})
 
-    def to_json(self, name: str = "", exposure_s: float | None = None) -> str:
+    def to_json(self, name: str | os.PathLike[str] = "", exposure_s: float | None = None) -> str:
         """Return the JSON text of the record, with its use and verdict, as the commands write it.
 
         Parameters
         ----------
-        name : str
+        name : str or path
             What the photograph is called in it.
         exposure_s : float, optional
             Exposure time, seconds; then rates are in rad/s, otherwise rotations in rad.
@@ -145,7 +145,8 @@ class Estimate:
         """
         if exposure_s is not None:
             self.angular_velocity(exposure_s)  # which checks it
-        return self.record(name=name, exposure_s=exposure_s, version=__version__).with_use().to_json()
+        named = self.record(name=os.fsdecode(name), exposure_s=exposure_s, version=__version__)
+        return named.with_use().to_json()
 
 
 def _geometry_fields(geometry: TwoViewGeometry) -> dict[str, Any]:

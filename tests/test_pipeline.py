@@ -256,7 +256,9 @@ def test_an_estimate_gives_the_json_that_the_command_prints(
     run: Call, moving: Path, network: SmearNetwork
 ) -> None:
     (printed,) = run(moving, "--json", "--focal", 300, "--exposure", 0.04).document["estimates"]
-    own = json.loads(estimate(moving, network=network, camera=CAMERA).to_json("moving.png", exposure_s=0.04))
+    own = json.loads(
+        estimate(moving, network=network, camera=CAMERA).to_json(Path("moving.png"), exposure_s=0.04)
+    )
     command = {"beta", "max_error_px", "seed", "input_sha256", "options_sha256"}
     assert {key for key in printed if printed[key] != own[key]} == command
     assert list(own) == list(printed) and own["rate_unit"] == "rad/s"

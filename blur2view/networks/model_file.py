@@ -17,6 +17,7 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.files import read_regular
 
+INSTALL_AGAIN = "install blur2view again"
 MAX_FILE_BYTES = 1 << 28  # bound: the shipped networks have at most 10 MB
 BYTES_A_CORE = 1 << 29  # bound of their memory: a piece of a photograph takes half of it
 T = TypeVar("T")
@@ -31,7 +32,7 @@ class NetworkFormat:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     what: str = "a mover network"
-    remedy: str = "install blur2view again"
+    remedy: str = INSTALL_AGAIN  # of a file that is not the shipped one
 
 
 SMEAR = NetworkFormat(
@@ -157,7 +158,8 @@ class OnnxNetwork:
 
     def error(self, what: str) -> ModelError:
         """Return an error that names the file, the defect and the remedy."""
-        return ModelError(f"{self.path}: {what}; {self.form.remedy}")
+        is_shipped = self.path == shipped_file(self.form.file)
+        return ModelError(f"{self.path}: {what}; {INSTALL_AGAIN if is_shipped else self.form.remedy}")
 
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
         """Return all outputs for inputs, both without the batch axis; ``frugal`` frees the memory."""

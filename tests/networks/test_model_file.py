@@ -45,6 +45,18 @@ def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path)
     np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(noise()).cells)
 
 
+def test_the_shipped_network_is_installed_again_where_another_one_is_omitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damaged = tmp_path / "smear.onnx"
+    damaged.write_bytes(b"cut")
+    with pytest.raises(ModelError, match="omit the model"):
+        SmearNetwork(damaged)
+    monkeypatch.setattr("blur2view.networks.model_file.shipped_file", lambda name: tmp_path / name)
+    with pytest.raises(ModelError, match="is not an ONNX network that can be run; install blur2view again"):
+        SmearNetwork(damaged)
+
+
 @pytest.mark.parametrize("form", [UNET, MOVERS], ids=lambda form: form.file)
 def test_mover_networks_say_what_they_are_and_another_file_is_refused(
     form: NetworkFormat, tmp_path: Path
