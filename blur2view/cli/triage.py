@@ -208,7 +208,7 @@ def _parts(jobs: Sequence[Job], seconds: float) -> list[list[Job]]:
     """Return the frames of each such time of a video; ImageError for what is not a video."""
     first = jobs[0].source
     if first.frame is None:
-        raise ImageError(f"{first}: is not a frame of a video; give --every-best a number")
+        raise ImageError(first.refusal or f"{first}: is not a frame of a video; give --every-best a number")
     times = frame_times(first.path)
     at = [times[min(job.source.frame or 0, len(times) - 1)] for job in jobs]
     parts = groupby(range(len(jobs)), key=lambda k: int((at[k] - at[0] + ROUNDED_S) / seconds))

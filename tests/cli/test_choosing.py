@@ -115,6 +115,15 @@ def test_seconds_are_those_of_the_video(call: Call, tmp_path: Path, still: Path)
     assert "expected a number as 10 or a duration as 0.5s" in call("triage", clip, "--every-best", "0s").line
 
 
+def test_a_video_that_cannot_be_opened_is_named_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cut.mp4").write_bytes(b"\0\0\0\x20ftypisom")
+    words = ["triage", tmp_path / "cut.mp4", "--every-best", "0.5s", "--keep", tmp_path / "k.txt"]
+    done = call_program(capsys, *words)
+    assert done == 1 and "cannot be opened as a video" in done.err
+
+
 def test_frames_of_a_varying_rate_are_grouped_by_their_own_times(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
