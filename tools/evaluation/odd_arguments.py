@@ -52,7 +52,8 @@ PATHS = (
     "\udcff",
     "x" * 300,
 )
-WRITTEN = "made", "copies", "a.npz", "notes.jsonl", "nowhere", "frames"  # what calls may make, or add to
+# what calls may make, or add to; the last is the odd name of a folder that is asked for
+WRITTEN = "made", "copies", "a.npz", "notes.jsonl", "nowhere", "frames", "\udcff"
 CAMERAS = (
     "",
     "PINHOLE",
