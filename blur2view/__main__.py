@@ -11,8 +11,8 @@ from contextlib import suppress
 # the loader end the process without a line, or it hangs
 LEAST_MIB = 700
 INTERRUPTED = 130  # exit code
-# commands that read photographs by the network, and words with which they do not read them by the shipped one
-READERS = {"estimate", "segment", "to-colmap", "recover", "reconstruct", "report", "triage"}
+# commands that read photographs by a network, and words with which it is not the shipped one, or none
+NETWORK_COMMANDS = {"estimate", "segment", "to-colmap", "recover", "reconstruct", "report", "triage"}
 NOT_SHIPPED = "-h", "--help", "--model", "--provider"
 
 
@@ -75,7 +75,7 @@ def program() -> int:
 
 def begin_to_open_network(words: list[str]) -> threading.Thread | None:
     """Open the shipped network in a thread, if a command line will ask for it, beside all other imports."""
-    asked = bool(words) and words[0] in READERS and "_ARGCOMPLETE" not in os.environ
+    asked = bool(words) and words[0] in NETWORK_COMMANDS and "_ARGCOMPLETE" not in os.environ
     if asked and not any(word.startswith(NOT_SHIPPED) for word in words):
         import cv2  # noqa: F401  not in two threads at once: for an instant its import shows half of it
 

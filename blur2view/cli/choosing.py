@@ -1,7 +1,7 @@
 """Which frames are looked at closely where one of some neighbours is chosen, and what is kept of them.
 
 Neighbours show the same things, so that gradients, which blur weakens, compare them well at a fraction of the
-cost of the network: it reads the quarter of them with the most gradient energy. A video is decoded once,
+cost of the network: it reads those with the most gradient energy (`SHARE`). A video is decoded once,
 forwards: the frames that are kept are encoded as they pass.
 """
 
@@ -38,9 +38,9 @@ MIN_WIDTH_PX = 1.0  # bound: shorter widths of blur differ by noise
 class Candidates:
     """The jobs of each group that may be its sharpest, read, in order, with their energy as the plan.
 
-    Jobs that cannot be read are always among them. Memory holds the contents of a quarter of `NEIGHBOURS`
-    photographs. After all of them ``there`` is the number of photographs, without frames that a video
-    announces and does not have.
+    Jobs that cannot be read are always among them. Memory holds the contents of one in
+    `SHARE` of `NEIGHBOURS` photographs. After all of them ``there`` is the number of photographs, without
+    frames that a video announces and does not have.
     """
 
     def __init__(self, groups: Iterable[Sequence[Job]]) -> None:
@@ -56,7 +56,7 @@ class Candidates:
                     yield sharper.pop(0)
 
     def _sharper(self, jobs: Sequence[Job]) -> list[Job]:
-        """Return the quarter of neighbours with the most gradient energy, and those that have none."""
+        """Return the neighbours with the most gradient energy, and those that have none."""
         wanted, kept = max(-(-len(jobs) // SHARE), LEAST), list[Job]()
         for job in jobs:
             kept.append(self._read(job))

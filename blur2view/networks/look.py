@@ -32,8 +32,9 @@ from blur2view.smears.noise import WINDOW_PX
 
 CELLS = 48
 """Windows of an octave of the first look, about. Of 104 photographs (every second of DAVIS, RedKitchen, Kodak
-and real ones) 16 ask for more, and none has another name than `estimate` gives; with 96 windows 25 ask for
-more, which takes 1.6 times as long (``tools.evaluation.looks FOLDERS --cells 48 96 --every 2``)."""
+and real ones) 16 ask for more, and none has another name than `estimate` gives, which names those of more
+than `WHOLE_PX` by the same look; with 96 windows 25 ask for more, which takes 1.6 times as long
+(``tools.evaluation.looks FOLDERS --cells 48 96 --every 2``)."""
 CLOSER_CELLS = 96
 """Windows of an octave of a closer look, from which movers are looked for in a copy of as many cells. Of 178
 pictures of 1280x1024 (12 photographs blurred as for `tools.evaluation.blur_kinds`, and 46 sharp ones) every
@@ -52,7 +53,7 @@ STRIP_ROWS = 64  # of the photograph, even: `_grey` of so many rows is held at a
 def look(
     network: OnnxNetwork, features: int, image: AnyArray, brightness: float, cells: int = CELLS
 ) -> SmearGrid:
-    """Return the smears of a photograph (H, W, 3) or (H, W) in some 48 cells, or in as many as are asked for.
+    """Return the smears of a photograph (H, W, 3) or (H, W) in about ``cells`` cells.
 
     It is settled when its smears are so long that a finer octave adds nothing to them, or when the photograph
     itself was read: short smears differ from none there alone.

@@ -57,13 +57,14 @@ class Detail(StrEnum):
     """The purpose of a photograph's smears, which decides how many windows are read."""
 
     GEOMETRY = "geometry"  # motion and masks: of more than 2.5 megapixels some thousand windows
-    RANKING = "ranking"  # the order of photographs by their blur, and its kind: some fifty an octave
-    CLOSER = "closer"  # the kind of blur, where the one before leaves it open: some hundred an octave
+    RANKING = "ranking"  # the order of photographs by their blur, and its kind: `look.CELLS` an octave
+    CLOSER = "closer"  # the kind of blur, where the one before leaves it open: `look.CLOSER_CELLS`
 
 
 WHOLE_PX = 650_000
 """Pixels up to which all windows are read to name what blurred a photograph: of 576 of 640x480 and the like
-all windows name 468 rightly and looks 459, of 138 of 1280x1024 all windows 115 and looks 128."""
+all windows name 468 rightly and looks 459, of 138 of 1280x1024 all windows 115 and looks 128. Between these
+sizes one photograph of 960x640 decided, whose camera stood still and which looks name otherwise."""
 
 
 def is_large(shape: tuple[int, ...]) -> bool:

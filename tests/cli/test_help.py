@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from blur2view.__main__ import NETWORK_COMMANDS
 from blur2view.cli import commands as cli
 from blur2view.cli.estimate import EstimateOptions
 from blur2view.cli.options import Estimating, Printing, Reading
@@ -96,3 +97,7 @@ def test_overview_names_every_command_and_comes_without_a_word(capsys: pytest.Ca
     assert (bare := call_program(capsys)) == 0 and bare.out == text
     assert all(f"  {command} " in text or f"  {command}\n" in text for command in cli.COMMANDS)
     assert call_program(capsys, "--version").out.startswith("blur2view ")
+
+
+def test_the_network_is_opened_early_for_every_command_that_reads_photographs() -> None:
+    assert cli.COMMANDS.keys() - {"place", "to-transforms"} == NETWORK_COMMANDS

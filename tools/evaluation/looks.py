@@ -1,8 +1,9 @@
-"""How often a look at a photograph says something else than all of its windows do, and how often it asks on.
+"""How often a look at a photograph says something else than `estimate`, and how often it asks for more.
 
 ``python -m tools.evaluation.looks FOLDERS --cells 48 96 --out PAGE`` estimates the photographs of folders as
 `blur2view estimate` and as `blur2view triage` do, with looks of other numbers of windows. ``--every`` takes
-one of so many photographs. `blur2view.networks.look` cites it.
+one of so many photographs. Photographs of more than 0.65 megapixels `estimate` names by looks, too, so that
+they can only differ by the number of windows. `blur2view.networks.look` cites it.
 """
 
 import time
