@@ -189,10 +189,14 @@ def once(function: Callable[..., T]) -> Callable[..., T]:
     return result
 
 
-@once
 def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
     """Return the shipped network of a format, opened once."""
-    return OnnxNetwork(form, execution=execution)
+    return _opened(form, shipped_file(form.file), execution)
+
+
+@once
+def _opened(form: NetworkFormat, path: Path, execution: Execution) -> OnnxNetwork:
+    return OnnxNetwork(form, path, execution)
 
 
 def _session(content: bytes, threads: int, providers: Sequence[str]) -> Any:

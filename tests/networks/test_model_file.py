@@ -52,6 +52,7 @@ def test_the_shipped_network_is_installed_again_where_another_one_is_omitted(
     damaged.write_bytes(b"cut")
     with pytest.raises(ModelError, match="omit the model"):
         SmearNetwork(damaged)
+    SmearNetwork()  # opened before, as in any process that has read a photograph
     monkeypatch.setattr("blur2view.networks.model_file.shipped_file", lambda name: tmp_path / name)
     with pytest.raises(ModelError, match="is not an ONNX network that can be run; install blur2view again"):
         SmearNetwork(damaged)
