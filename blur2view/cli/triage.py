@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import groupby
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -168,11 +169,7 @@ class TriageOptions(Command):
         if self.best is not None and any(job.source.frame is None for job in jobs):
             return [[job] for job in jobs]
         if self.best is not None:
-            return [
-                [jobs[k] for k in part]
-                for part in np.array_split(np.arange(len(jobs)), self.best)
-                if part.size
-            ]
+            return _equal_parts(jobs, self.best)
         folders, groups = dict[Path, list[Job]](), list[list[Job]]()
         for job in jobs:
             folders.setdefault(job.source.folder, []).append(job)
@@ -202,6 +199,25 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     )
     used = f"\n  use: {record.use}" if options.printing.verbose else ""
     return Outcome(record=record, summary=verdict_line(record) + used)
+
+
+def _equal_parts(jobs: Sequence[Job], count: int) -> list[list[Job]]:
+    """Return the frames of each of so many parts of videos, which have as many frames that are there.
+
+    A part also holds frames behind its own that a video announces and does not have.
+    """
+    lengths = {path: _frame_count(path) for path in {job.source.path for job in jobs}}
+    there = np.cumsum([(job.source.frame or 0) < lengths[job.source.path] for job in jobs])
+    part_of = (there - 1).clip(0) * count // max(int(there[-1]), count)
+    return [[jobs[k] for k in part] for _, part in groupby(range(len(jobs)), key=lambda k: part_of[k])]
+
+
+def _frame_count(video: Path) -> float:
+    """Return the number of frames that a video has, as far as that is known before they are decoded."""
+    try:
+        return len(frame_times(video))
+    except ImageError:  # which is said where its frames are read
+        return inf
 
 
 def _parts(jobs: Sequence[Job], seconds: float) -> list[list[Job]]:

@@ -15,7 +15,7 @@ from blur2view.cli.choosing import NEIGHBOURS, Candidates, sharpness_rank
 from blur2view.cli.jobs import Job
 from blur2view.images.inputs import Source
 from blur2view.images.pixels import gradient_energy
-from blur2view.images.video import EndOfVideo, frame_time, frame_times
+from blur2view.images.video import EndOfVideo, frame_numbers, frame_time, frame_times
 from blur2view.pipeline import estimate
 from blur2view.records.record import Record
 from tests.support.calls import Call, call_program
@@ -183,3 +183,13 @@ def test_the_best_photographs_are_the_least_blurred_not_those_of_most_contrast(
     words = ["triage", tmp_path / "photos", "--best", "1", "--keep", kept, "--jobs", "1"]
     assert call_program(capsys, *words) == 0
     assert kept.read_text() == "pale.png\n"
+
+
+def test_parts_of_a_video_are_equal_in_the_frames_that_it_has(call: Call, tmp_path: Path) -> None:
+    clip, keep = write_blurred(tmp_path / "a.avi", [1] * 5), tmp_path / "keep.txt"
+    content = bytearray(clip.read_bytes())
+    content[content.index(b"strh") + 40] = 9  # of frames that the header announces
+    clip.write_bytes(content)
+    assert len(frame_numbers(clip)) == 9 and len(frame_times(clip)) == 5
+    assert call("triage", clip, "--best", 3, "--keep", keep) == 0
+    assert len(keep.read_text().splitlines()) == 3
