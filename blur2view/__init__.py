@@ -40,7 +40,6 @@ import sys
 import warnings
 import zlib  # noqa: F401  or else pycolmap's own comes first, and the first PNG that is written aborts
 from importlib import import_module
-from typing import Any
 
 __version__ = "0.4.0"
 
@@ -59,7 +58,7 @@ if "pycolmap" in _IMPORTED and not {"cv2", "zlib"} & set(_IMPORTED[: _IMPORTED.i
     )
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Return a public name, imported when it is first used: `import blur2view` alone loads nothing."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -60,9 +60,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Blur2ViewError as error:
         complain(error)
     except (MemoryError, ImportError, RuntimeError) as error:
-        if _was_interrupted(error):
-            complain(Blur2ViewError("interrupted"))
-            return INTERRUPTED
         complain(_system_error(error, jobs=hasattr(options, "many")))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
@@ -76,13 +73,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         why = f"cannot be used ({error.strerror}); check the path and its permissions"
         complain(Blur2ViewError(f"{name}: {why}"))
     return FAILED
-
-
-def _was_interrupted(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C caused an error: pycolmap's import makes an ImportError of it."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _system_error(error: Exception, *, jobs: bool) -> Blur2ViewError:

@@ -15,7 +15,7 @@ from blur2view.errors import OutputError
 from blur2view.files import write_files
 from blur2view.images.image import read_picture
 from tests.support.calls import Call
-from tests.support.many_photographs import contents, finish, start, write_photographs
+from tests.support.many_photographs import ROOT, contents, finish, start, write_photographs
 
 SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 
@@ -111,3 +111,36 @@ def test_interrupt_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path)
     (line,) = complaints.splitlines()
     assert line.startswith("blur2view: interrupted after") and "--resume" in line
     assert not list((tmp_path / "out").glob(".*.tmp"))
+
+
+PRESSED_IN = """
+import importlib.abc, os, signal, sys, threading
+
+class Pressed(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, *where):
+        if name == {module!r} and threading.current_thread() is threading.main_thread():
+            try:
+                os.kill(os.getpid(), {signal})
+            except KeyboardInterrupt as interrupt:
+                raise ImportError("initialization failed") from interrupt
+
+sys.meta_path.insert(0, Pressed())
+sys.argv = ["blur2view", *{words}]
+from blur2view.__main__ import program
+sys.exit(program())
+"""
+
+
+@SIGNALS
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("blur2view.cli.start", ["--version"]),
+        ("numpy", ["estimate", "models/sample.jpg"]),
+        ("pycolmap", ["to-transforms", "."]),
+    ],
+)
+def test_ctrl_c_within_an_import_that_makes_an_error_of_it_is_one(module: str, words: list[str]) -> None:
+    pressed = PRESSED_IN.format(module=module, signal="signal.SIGINT", words=words)
+    done = subprocess.run([sys.executable, "-c", pressed], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "blur2view: interrupted\n")

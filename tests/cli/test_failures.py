@@ -111,20 +111,6 @@ def test_little_memory_is_one_line_without_an_option_that_is_not_there(
     assert done == 1 and done.err.startswith(f"blur2view: {line}") and done.err.count("\n") == 1
 
 
-def test_ctrl_c_while_pycolmap_is_imported_is_no_lack_of_memory(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(options: object) -> None:
-        try:
-            raise ImportError("initialization failed") from KeyboardInterrupt()
-        except ImportError as error:
-            raise RuntimeError("Cannot import the C++ backend pycolmap._core.") from error
-
-    monkeypatch.setattr(ToTransformsOptions, "execute", fails)
-    done = call_program(capsys, "to-transforms", "model")
-    assert done == 130 and done.err == "blur2view: interrupted\n"
-
-
 def test_a_video_of_a_tebibyte_is_not_read_whole(tmp_path: Path) -> None:
     with (tmp_path / "clip.mp4").open("wb") as video:
         video.truncate(1 << 40)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.__main__ import NETWORK_COMMANDS
 from blur2view.cli import commands as cli
 from blur2view.cli.estimate import EstimateOptions
 from blur2view.cli.options import Estimating, Printing, Reading
+from blur2view.cli.start import NETWORK_COMMANDS
 from blur2view.records.record import explanations
 from tests.support.calls import call_program
 
