@@ -42,8 +42,13 @@ CEPSTRA_BATCH = 120  # spectra whose cepstra are sampled at a time; matrices of 
 
 def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int) -> None:
     """Call ``work`` with slices of ``batch`` of ``count`` items, in any order, on some threads."""
+    parts = [slice(first, first + batch) for first in range(0, count, batch)]
+    if threads == 1:
+        for part in parts:
+            work(part)
+        return
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, [slice(first, first + batch) for first in range(0, count, batch)]))
+        list(pool.map(work, parts))
 
 
 def sliding_windows(grey: Floats, apart: int = STEP) -> Floats:
