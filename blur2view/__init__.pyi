@@ -43,7 +43,7 @@ from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import estimate as estimate
 from blur2view.pipeline import segment as segment
 from blur2view.reconstruction.options import ReconstructionOptions as ReconstructionOptions
-from blur2view.reconstruction.reconstruct import Reconstruction as Reconstruction
+from blur2view.reconstruction.outcome import Reconstruction as Reconstruction
 from blur2view.reconstruction.reconstruct import reconstruct as reconstruct
 from blur2view.records.record import Record as Record
 from blur2view.results.overlay import draw_overlay as draw_overlay

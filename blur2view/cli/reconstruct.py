@@ -20,7 +20,7 @@ from blur2view.reconstruction.options import (
 )
 
 if TYPE_CHECKING:
-    from blur2view.reconstruction.reconstruct import Reconstruction
+    from blur2view.reconstruction.outcome import Reconstruction
 
 DEFAULT = ReconstructionOptions()
 SHOWN = 3  # frames of each reason without -v
@@ -153,4 +153,7 @@ def outcome_table(made: "Reconstruction", *, verbose: bool = False) -> Iterator[
     if made.other_models:
         others = ", ".join(map(str, made.other_models))
         yield f"  COLMAP also made separate models of {others} frames, which do not connect"
+    if made.moving is not None:
+        where = f"something moves by itself in {plural(len(made.moving), 'frame')}; see masks"
+        yield "  " + (where if made.moving else "nothing moves by itself, so that no masks were written")
     yield f"{printable(str(made.folder))}: {plural(len(posed), 'frame')} with a pose; see report.html"

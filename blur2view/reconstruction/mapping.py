@@ -2,84 +2,110 @@
 
 import shutil
 import sqlite3
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import closing, suppress
+from itertools import combinations, count, product
+from math import comb
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
+from blur2view.colmap.models import registered_images, write_model
 from blur2view.colmap.project import connect
-from blur2view.errors import DatabaseError, RunError
-from blur2view.processes import follow_parent, not_started, spawn_context
+from blur2view.errors import DatabaseError
+from blur2view.images.image import read_picture
+from blur2view.reconstruction.colmap_process import in_process, tell
+from blur2view.reconstruction.options import ReconstructionOptions
+from blur2view.reconstruction.scene import DATABASE, IMAGES, WORK, Show, Step
 
+MIN_REGISTERED = 0.5  # share of the mapped frames; with fewer they are read anew by `blurred_options`
 EXHAUSTIVE = 150  # frames up to which all pairs are matched
 # Where COLMAP's 16 degrees and 1.2 make too small a model. Of the middle 20 frames of RedKitchen, of a focal
 # length of 0.85, they register 4 of an unknown camera, these 20; of a known one none and 20.
 NEAR_ANGLE_DEG = 4.0  # at which a point of the first pair is seen
 FOCAL_SHARE = 0.85  # of the longer side: the focal length of an unknown camera, at first
+NEIGHBOURS = tuple(2**k for k in range(10))  # of more frames: how far apart those of a pair are
 LOOP_STEP = 10  # one in so many frames is matched with all others of these, which finds loops
+MIN_OBSERVED = 30  # points in the mean frame of a model: as many as COLMAP asks for to register a frame
 MIN_FEATURES = 100  # in the median frame; fewer are too little texture
 STILL_WAY = 0.02  # of the picture's side: a camera whose picture moves less all the while stood still
 PANORAMIC = (4, 5, 6)  # COLMAP's configurations of planes, rotations, and either
 
 
-def in_process(call: Callable[..., Any], *given: Any, **options: Any) -> Any:
-    """Return what a function returns that a process of its own runs: Ctrl-C, which pycolmap ignores, ends it.
-
-    RunError if the process dies, or cannot be started.
-    """
-    import pycolmap
-
-    context = spawn_context()
-    answers, answer = context.Pipe(duplex=False)
-    start = context.Event(), answer, pycolmap.logging.minloglevel, call, given, options
-    process = context.Process(target=_answer, args=start)
-    try:
-        process.start()
-    except OSError as error:
-        raise not_started(error) from None
-    answer.close()
-    try:
-        result = answers.recv()
-    except EOFError:
-        remedy = "choose fewer frames with --frames"
-        raise RunError(f"COLMAP's process died, perhaps because of too little memory; {remedy}") from None
-    finally:
-        process.kill()
-        process.join()
-    if isinstance(result, Exception):
-        raise result
-    return result
+def nobody(done: int, count: int) -> None:
+    """Show nothing of what is done."""
 
 
-def _answer(
-    stop: Any, answer: Any, log_level: int, call: Callable[..., Any], given: Any, options: Any
+def map_frames(
+    folder: Path, names: Sequence[str], options: ReconstructionOptions, way: float, step: Step
+) -> dict[str, Any]:
+    """Write COLMAP's database and its largest model; DatabaseError if it makes none."""
+    work, images, models = folder / WORK, folder / IMAGES, list[Any]()
+    camera = options.for_colmap(read_picture(images / names[0], as_stored=True).size)
+    for blurred, again in product((False, True), (False, True)):
+        if again and options.mapper == "global":
+            continue
+        database, there = work / f"matches_{blurred:d}.db", work / "models"
+        if not again:
+            of_which = " of blurred frames" if blurred else ""
+            with step(f"finding features{of_which}") as show:
+                readable = _stretched(images, work / "stretched", names) if blurred else images
+                find_features(database, readable, names, camera=camera, blurred=blurred, show=show)
+            with step(f"matching features{of_which}") as show:
+                match(database, names, blurred=blurred, show=show)
+        else:  # on a copy, because the mapper may change it, and a killed call begins with the first one
+            database = copied(database, work / f"matches_{blurred:d}_again.db")
+        with step("mapping" + (" again" if again else "")) as show:
+            shutil.rmtree(there, ignore_errors=True)
+            known = bool(options.camera)
+            found = mapped(
+                database, images, there, mapper=options.mapper, camera_known=known, again=again, show=show
+            )
+        if found and (not models or found[0].num_reg_images() > models[0].num_reg_images()):
+            models = found
+            shutil.copyfile(database, work / "best.db")
+        if models and models[0].num_reg_images() >= MIN_REGISTERED * len(names):
+            break
+    if not models:
+        why = why_no_model(work / "matches_0.db", way)
+        raise DatabaseError(f"{folder}: COLMAP made no model of {len(names)} frames: {why}")
+    write_model(models[0], work / "model", images, folder / DATABASE)
+    (work / "best.db").replace(folder / DATABASE)
+    largest, *others = (set(registered_images(model)) for model in models)
+    return {"others": [len(other - largest) for other in others if other - largest]}
+
+
+def _stretched(images: Path, copies: Path, names: Sequence[str]) -> Path:
+    """Return where COLMAP finds features: in copies if the contrast of any frame is stretched there."""
+    shutil.rmtree(copies, ignore_errors=True)
+    return copies if write_stretched(images, copies, names) else images
+
+
+def find_features(
+    database: Path,
+    images: Path,
+    names: Sequence[str],
+    *,
+    camera: tuple[str, str],
+    blurred: bool,
+    show: Show = nobody,
 ) -> None:
-    """Send what a function returns or raises."""
-    import pycolmap
-
-    follow_parent(stop)
-    pycolmap.logging.minloglevel = log_level
-    try:
-        answer.send(call(*given, **options))
-    except Exception as error:  # of any type: it is raised where the call was asked for
-        answer.send(error)
-
-
-def match(
-    database: Path, images: Path, names: Sequence[str], *, camera: tuple[str, str], blurred: bool
-) -> None:
-    """Write features and verified matches of images; a database that was begun is gone on with.
+    """Write features of images; a database that was begun is gone on with.
 
     ``camera`` is COLMAP's model and parameters, empty if unknown. ``blurred`` frames are read as
-    `blurred_options` says, and all matched.
+    `blurred_options` says.
     """
-    in_process(_match, database, images, names, camera, blurred)
+
+    def watch(told: int) -> None:
+        show(_count(database, "keypoints"), len(names))
+
+    in_process(_find_features, database, images, names, camera, blurred, watch=watch)
 
 
-def _match(
+def _find_features(
     database: Path, images: Path, names: Sequence[str], camera: tuple[str, str], blurred: bool
 ) -> None:
     import pycolmap
@@ -92,13 +118,8 @@ def _match(
         pycolmap.import_images(
             database, images, pycolmap.CameraMode.SINGLE, list(names), reader
         )  # in order, so that ids are the same
-    features, matching = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
-    if blurred:
-        features, matching = blurred_options()
-    features.use_gpu = matching.use_gpu = False
-    verifying = pycolmap.TwoViewGeometryOptions()
-    verifying.ransac.random_seed = SEED
-    common: dict[str, Any] = {"matching_options": matching, "verification_options": verifying}
+    features = blurred_options()[0] if blurred else pycolmap.FeatureExtractionOptions()
+    features.use_gpu = False
     pycolmap.extract_features(
         database,
         images,
@@ -107,30 +128,76 @@ def _match(
         reader_options=reader,
         extraction_options=features,
     )
-    if blurred or len(names) <= EXHAUSTIVE:
+
+
+def match(database: Path, names: Sequence[str], *, blurred: bool, show: Show = nobody) -> None:
+    """Write verified matches of images whose features are found; what was begun is gone on with.
+
+    ``blurred`` frames are all matched, as `blurred_options` says.
+    """
+    pairs = None if blurred or len(names) <= EXHAUSTIVE else pairs_of(names)
+    every = comb(len(names), 2) if pairs is None else len(pairs)
+
+    def watch(told: int) -> None:
+        show(_count(database, "matches"), every)
+
+    in_process(_match, database, pairs, blurred, watch=watch)
+
+
+def pairs_of(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the pairs of many frames that are matched: a power of two apart, and those that find loops."""
+    near = [(k, k + apart) for apart in NEIGHBOURS for k in range(len(names) - apart)]
+    loops = combinations(range(0, len(names), LOOP_STEP), 2)
+    return [(names[a], names[b]) for a, b in sorted({*near, *loops})]
+
+
+def _match(database: Path, pairs: Sequence[tuple[str, str]] | None, blurred: bool) -> None:
+    """Match ``pairs``, or all."""
+    import pycolmap
+
+    matching = blurred_options()[1] if blurred else pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    verifying = pycolmap.TwoViewGeometryOptions()
+    verifying.ransac.random_seed = SEED
+    common: dict[str, Any] = {"matching_options": matching, "verification_options": verifying}
+    if pairs is None:
         pycolmap.match_exhaustive(database, **common)
         return
-    pycolmap.match_sequential(database, **common)
-    every = list(names)[::LOOP_STEP]
-    pairs = database.with_suffix(".pairs.txt")
-    pairs.write_text("".join(f"{a} {b}\n" for k, a in enumerate(every) for b in every[k + 1 :]))
-    listed = pycolmap.ImportedPairingOptions(match_list_path=pairs)
-    pycolmap.match_image_pairs(database, pairing_options=listed, **common)
-    pairs.unlink()
+    listed = database.with_suffix(".pairs.txt")
+    listed.write_text("".join(f"{a} {b}\n" for a, b in pairs))
+    pairing = pycolmap.ImportedPairingOptions(match_list_path=listed)
+    pycolmap.match_image_pairs(database, pairing_options=pairing, **common)
+    listed.unlink()
 
 
 def mapped(
-    database: Path, images: Path, folder: Path, *, mapper: str, camera_known: bool, again: bool = False
+    database: Path,
+    images: Path,
+    folder: Path,
+    *,
+    mapper: str,
+    camera_known: bool,
+    again: bool = False,
+    show: Show = nobody,
 ) -> list[Any]:
     """Return the models of a database, the one with most images first; none if no pair is good enough.
+
+    One that has lost the points by which its frames were registered is left out.
 
     Tried ``again``, the incremental mapper begins with a nearer pair, and a shorter focal length if it is
     unknown, which the database has then.
     """
     import pycolmap
 
-    count = in_process(_map, database, images, folder, mapper, camera_known, again)
-    models = [pycolmap.Reconstruction(folder / str(number)) for number in range(count)]
+    every = len(_rows(database, "SELECT name FROM images"))
+
+    def watch(told: int) -> None:
+        if told:  # the global mapper tells nothing
+            show(min(told, every), every)
+
+    found = in_process(_map, database, images, folder, mapper, camera_known, again, watch=watch)
+    models = [pycolmap.Reconstruction(folder / str(number)) for number in range(found)]
+    models = [model for model in models if model.compute_mean_observations_per_reg_image() >= MIN_OBSERVED]
     return sorted(models, key=lambda model: -model.num_reg_images())
 
 
@@ -151,7 +218,10 @@ def _map(database: Path, images: Path, folder: Path, mapper: str, camera_known: 
             _guess_focal_length(database)
         if camera_known:
             options.ba_refine_focal_length = options.ba_refine_extra_params = False
-        models = pycolmap.incremental_mapping(database, images, folder, options)
+        registered = count(3)  # the first pair is there
+        models = pycolmap.incremental_mapping(
+            database, images, folder, options, next_image_callback=lambda: tell(next(registered))
+        )
     for number, model in models.items():
         (folder / str(number)).mkdir(exist_ok=True)
         model.write(folder / str(number))
@@ -191,6 +261,13 @@ def why_no_model(database: Path, way: float) -> str:
     if np.mean(np.isin(pairs, PANORAMIC)) > 0.5:
         return "the camera only turned, or saw a single plane; move it sideways past the scene"
     return "no two frames were taken far enough apart; move the camera sideways past the scene"
+
+
+def _count(database: Path, table: str) -> int:
+    """Return how many rows a table has, which another process fills; 0 where that cannot be read now."""
+    with suppress(DatabaseError):
+        return sum(number for (number,) in _rows(database, f"SELECT count(*) FROM {table}"))
+    return 0
 
 
 def _rows(database: Path, sql: str) -> list[tuple[Any, ...]]:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,10 +14,18 @@ from blur2view.images.image import read_picture
 from blur2view.movers.mask import MaskFormat
 from blur2view.networks.smear_network import SmearReader
 from blur2view.pipeline import estimate, segment
+from blur2view.reconstruction.static_points import StaticPoints
 from blur2view.results.overlay import png
 
 MASKS = "masks"  # folder of a scene
 REACH = 0.1  # of the picture's longer side that what moves may get ahead from frame to frame
+
+
+class Masks(NamedTuple):
+    """What was written where anything moves by itself; nothing else."""
+
+    files: list[str]  # paths below the scene's folder
+    moving: list[str]  # frames in which anything moves, by name
 
 
 def write_masks(
@@ -26,16 +35,18 @@ def write_masks(
     work: Path,
     network: SmearReader,
     *,
+    points: StaticPoints,
     consecutive: bool = False,
     beside: bool = False,
     show: Callable[[int, int], None] = lambda done, count: None,
-) -> list[str]:
-    """Write masks of frames if something moves by itself in any; return their paths below the scene's folder.
+) -> Masks:
+    """Write masks of frames if something moves by itself in any of them.
 
     All frames get one then, as nerfstudio wants all or none: NAME.jpg.png for COLMAP, NAME.png for
     nerfstudio's reader of COLMAP's models unless two frames have that stem; ``beside`` the frames also
-    instant-ngp's. What moves in one of ``consecutive`` frames does so in the one before or after it, too,
-    else it is a mistake. ``work`` keeps what is done of a call that was ended.
+    instant-ngp's. A part of a photograph that seems to move does not where the model's ``points`` are seen in
+    it, and what moves in one of ``consecutive`` frames does so in the one before or after it, too. ``work``
+    keeps what is done of a call that was ended.
     """
     found: dict[str, bytes] = {}
     for done, k in enumerate(sorted(range(len(names)), key=lambda k: consecutive and k % 2)):
@@ -50,12 +61,14 @@ def write_masks(
             pixels = read_picture(scene / images / name, as_stored=True).pixels
             mask = segment(estimate(pixels, network=network, geometry=False), pixels)
             write_file(kept, png(MaskFormat.COLMAP.picture(mask.labels)))
-        found[name] = read_regular(kept)
+        moving = points.without_static(name, _decoded(read_regular(kept)) == 0)
+        found[name] = png(np.where(moving, 0, 255).astype(np.uint8))
     found = {name: found[name] for name in names}
     if consecutive:
         found = dict(_confirmed(found))
-    if _all_still(found.values()):
-        return []
+    moving_frames = [name for name in names if not _all_still([found[name]])]
+    if not moving_frames:
+        return Masks([], [])
     paths = {f"{MASKS}/{MaskFormat.COLMAP.path(PurePath(name))}": found[name] for name in names}
     short = {name: f"{MASKS}/{MaskFormat.NERFSTUDIO.path(PurePath(name))}" for name in names}
     uses = Counter([*paths, *short.values()])
@@ -67,7 +80,7 @@ def write_masks(
         }
     for path, content in paths.items():
         write_file(scene / path, content)
-    return list(paths)
+    return Masks(list(paths), moving_frames)
 
 
 def _confirmed(masks: Mapping[str, bytes]) -> Iterator[tuple[str, bytes]]:

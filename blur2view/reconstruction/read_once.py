@@ -1,6 +1,8 @@
 """Smears of a scene's frames, read once: what blurs a frame, its pose and its mask all need them."""
 
 import hashlib
+import json
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from io import BytesIO
@@ -10,9 +12,12 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.files import open_regular, write_file
+from blur2view.files import add_checked_line, checked_line, checked_lines, open_regular, write_file
+from blur2view.images.image import read_picture
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.pipeline import estimate
+from blur2view.reconstruction.scene import Step
 from blur2view.smears.grid import DAMAGE, SmearGrid
 
 
@@ -52,6 +57,29 @@ class KeptSmears:
         grid = self._network.predict(image)
         write_file(kept, _content(grid))
         return grid
+
+
+def blur_of_frames(
+    images: Path, names: Sequence[str], notes: Path, network: SmearReader, step: Step
+) -> dict[str, tuple[str, float | None]]:
+    """Return what blurred each frame, and the length of its smear; ``notes`` keep what is done."""
+    lines = checked_lines(notes)
+    found: dict[str, tuple[str, float | None]] = {
+        name: (kind, smear) for name, kind, smear in map(json.loads, lines)
+    }
+    write_file(notes, "".join(map(checked_line, lines)).encode())
+    with step("reading blur") as show:
+        for done, name in enumerate(names):
+            show(done, len(names))
+            if name in found:
+                continue
+            picture = read_picture(images / name, as_stored=True)
+            seen = estimate(picture.pixels, network=network, geometry=False)
+            blur = seen.blur
+            smear_px = blur.smear_px if blur.kind.of_camera else 0.0
+            found[name] = str(blur.kind), None if smear_px is None else float(smear_px)
+            add_checked_line(notes, json.dumps([name, *found[name]]))
+    return found
 
 
 def _content(grid: SmearGrid) -> bytes:

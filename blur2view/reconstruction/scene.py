@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,10 @@ from blur2view.errors import OutputError
 from blur2view.files import signed, write_file
 
 STATE = "reconstruction.json"
+IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
+TRANSFORMS, REPORT, WORK = "transforms.json", "report.html", "work"
+Show = Callable[[int, int], None]
+Step = Callable[[str], AbstractContextManager[Show]]
 
 
 class Scene:

@@ -13,7 +13,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,18 +27,23 @@ import pytest
 from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
+from blur2view.cli.reconstruct import outcome_table
 from blur2view.errors import CameraError, DatabaseError, ImageError, OutputError, RunError
 from blur2view.files import locked, write_file
 from blur2view.images.image import read_image, read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
-from blur2view.reconstruction import mapping, masks
+from blur2view.reconstruction import colmap_process, mapping, masks
+from blur2view.reconstruction.colmap_process import in_process
 from blur2view.reconstruction.frames import Frame, chosen, colmap_content, list_frames, plain_names
-from blur2view.reconstruction.masks import MASKS, write_masks
+from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
+from blur2view.reconstruction.outcome import Reconstruction
 from blur2view.reconstruction.read_once import KeptSmears
-from blur2view.reconstruction.reconstruct import Reconstruction, _digest, _map, _write_transforms, reconstruct
+from blur2view.reconstruction.reconstruct import _digest, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
+from blur2view.reconstruction.static_points import StaticPoints
+from blur2view.reconstruction.trainer import write_transforms
 from blur2view.smears.grid import SmearGrid
 from tests.support.blurred_plane import BlurredPlane
 from tests.support.calls import call_program
@@ -46,6 +51,11 @@ from tests.support.calls import call_program
 PLANE = BlurredPlane(frames=7)
 REGISTERED = (0, 1, 2, 4, 5, 6)
 OPTIONS = ReconstructionOptions(all_frames=True, masks=False)
+
+
+def quietly(text: str) -> AbstractContextManager[Any]:
+    """Show nothing of a step."""
+    return nullcontext(lambda done, count: None)
 
 
 def frames_of(energies: list[float], moved: float) -> list[Frame]:
@@ -217,15 +227,18 @@ def test_features_of_dull_frames_are_found_in_stretched_copies(
     cv2.imwrite(str(tmp_path / "images" / "f.png"), dull)
     contrast = []
 
-    def match(database: Path, images: Path, names: list[str], **given: Any) -> None:
+    def find_features(database: Path, images: Path, names: list[str], **given: Any) -> None:
         database.parent.mkdir(exist_ok=True)
         database.touch()
         contrast.append(read_picture(images / names[0]).pixels.std())
 
-    monkeypatch.setattr(mapping, "match", match)
+    monkeypatch.setattr(mapping, "find_features", find_features)
+    monkeypatch.setattr(mapping, "match", lambda *given, **options: None)
     monkeypatch.setattr(mapping, "mapped", lambda *given, **options: [])
     with pytest.raises(DatabaseError, match="no model of 1 frames"):
-        _map(tmp_path, ["f.png"], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None))
+        mapping.map_frames(
+            tmp_path, ["f.png"], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
+        )
     assert contrast[0] == pytest.approx(dull.std()) and contrast[1] > 1.5 * contrast[0]
 
 
@@ -235,7 +248,7 @@ def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
         exif = photograph.getexif()
         exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 28
         photograph.save(tmp_path / f"f_{k}.jpg", exif=exif)
-    mapping.match(
+    mapping.find_features(
         tmp_path / "m.db", tmp_path, ["f_0.jpg", "f_1.jpg"], camera=("SIMPLE_RADIAL", ""), blurred=False
     )
     with pycolmap.Database.open(tmp_path / "m.db") as database:
@@ -247,12 +260,58 @@ def test_colmap_begins_at_the_focal_length_of_exif(tmp_path: Path) -> None:
 def test_only_an_unknown_focal_length_is_guessed_anew(tmp_path: Path) -> None:
     for name, camera in {"a": ("PINHOLE", ""), "b": ("PINHOLE", "220,220,120,90")}.items():
         cv2.imwrite(str(tmp_path / f"{name}.png"), PLANE.render(0))
-        mapping.match(tmp_path / f"{name}.db", tmp_path, [f"{name}.png"], camera=camera, blurred=False)
+        mapping.find_features(
+            tmp_path / f"{name}.db", tmp_path, [f"{name}.png"], camera=camera, blurred=False
+        )
         mapping._guess_focal_length(tmp_path / f"{name}.db")
         with pycolmap.Database.open(tmp_path / f"{name}.db") as database:
             (known,) = database.read_all_cameras()
         focal_px = 0.85 * 240 if name == "a" else 220
         assert list(known.params) == pytest.approx([focal_px, focal_px, 120, 90])
+
+
+def test_pairs_of_many_frames_hold_neighbours_and_loops_once() -> None:
+    pairs = mapping.pairs_of([str(k) for k in range(200)])
+    assert len({frozenset(pair) for pair in pairs}) == len(pairs)
+    assert {("0", "1"), ("0", "128"), ("0", "190"), ("71", "199")} <= {*pairs}
+    assert ("0", "3") not in pairs and len(pairs) < 200 * 8 + 20 * 10
+
+
+def test_a_model_that_lost_its_points_is_no_model(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number, kept in enumerate((1000, 10)):
+        model = pycolmap.Reconstruction(video / "model")
+        for point in list(model.points3D)[kept:]:
+            model.delete_point3D(point)
+        (tmp_path / str(number)).mkdir()
+        model.write(tmp_path / str(number))
+    monkeypatch.setattr(mapping, "in_process", lambda *given, **options: 2)
+    given = tmp_path / "m.db", tmp_path, tmp_path
+    assert len(mapping.mapped(*given, mapper="incremental", camera_known=True)) == 1
+
+
+def test_steps_of_colmap_tell_how_far_they_are(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database, told = tmp_path / "m.db", list[tuple[int, int]]()
+    frames, names = video / "frames", PLANE.names[:3]
+
+    def in_process(call: Any, *given: Any, watch: Any, **options: Any) -> Any:
+        call(*given, **options)
+        watch(2)
+        return 0
+
+    def show(done: int, count: int) -> None:
+        told.append((done, count))
+
+    monkeypatch.setattr(mapping, "in_process", in_process)
+    camera = "SIMPLE_RADIAL", ""
+    mapping.find_features(database, frames, names, camera=camera, blurred=False, show=show)
+    mapping.match(database, names, blurred=False, show=show)
+    monkeypatch.setattr(mapping, "_map", lambda *given: 0)
+    mapping.mapped(database, frames, tmp_path, mapper="incremental", camera_known=False, show=show)
+    assert told == [(3, 3), (3, 3), (2, 3)]
 
 
 def test_smears_are_read_once_also_by_another_process(tmp_path: Path) -> None:
@@ -274,6 +333,19 @@ def test_smears_are_read_once_also_by_another_process(tmp_path: Path) -> None:
         assert all(np.array_equal(vars(grid)[name], value) for name, value in vars(first).items())
 
 
+def tell_twice() -> None:
+    """Tell the parent what is done, and wait until it has looked."""
+    colmap_process.tell(1)
+    colmap_process.tell(2)
+    time.sleep(1.5 * colmap_process.WATCH_S)
+
+
+def test_a_process_tells_its_parent_what_is_done() -> None:
+    told = list[int]()
+    in_process(tell_twice, watch=told.append)
+    assert told[-1] == 2
+
+
 def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
     def interrupt(*given: Any) -> None:
         raise KeyboardInterrupt
@@ -282,7 +354,7 @@ def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
     signal.setitimer(signal.ITIMER_REAL, 0.5)
     try:
         with pytest.raises(KeyboardInterrupt):
-            mapping.in_process(time.sleep, 600)
+            in_process(time.sleep, 600)
     finally:
         signal.signal(signal.SIGALRM, before)
     assert not multiprocessing.active_children()
@@ -301,14 +373,14 @@ def test_a_process_of_colmap_that_does_not_start_is_named(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", start)
     with pytest.raises(RunError, match=r"cannot be started \(Resource temporarily unavailable\); free"):
-        mapping.in_process(os.getpid)
+        in_process(os.getpid)
 
 
 def test_a_process_of_colmap_that_dies_is_named() -> None:
     with pytest.raises(RunError, match="COLMAP's process died"):
-        mapping.in_process(os._exit, 1)
+        in_process(os._exit, 1)
     with pytest.raises(ValueError, match="invalid literal"):
-        mapping.in_process(int, "x")
+        in_process(int, "x")
 
 
 @pytest.fixture(scope="module")
@@ -324,8 +396,8 @@ def colmap(video: Path) -> Iterator[list[str]]:
     """Let COLMAP make the model that is there; return the names of its calls."""
     calls = list[str]()
 
-    def match(database: Path, images: Path, names: list[str], **options: Any) -> None:
-        calls.append("match")
+    def find_features(database: Path, images: Path, names: list[str], **options: Any) -> None:
+        calls.append("find")
         database.unlink(missing_ok=True)
         pycolmap.Database.open(database).close()
         pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, names)
@@ -335,7 +407,8 @@ def colmap(video: Path) -> Iterator[list[str]]:
         return [pycolmap.Reconstruction(video / "model")]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mapping, "match", match)
+        patch.setattr(mapping, "find_features", find_features)
+        patch.setattr(mapping, "match", lambda *given, **options: calls.append("match"))
         patch.setattr(mapping, "mapped", mapped)
         yield calls
 
@@ -361,8 +434,10 @@ def test_a_model_that_is_too_small_is_tried_again_before_frames_are_read_anew(
 
     monkeypatch.setattr(mapping, "mapped", mapped)
     before = len(colmap)
-    _map(tmp_path, PLANE.names, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None))
-    assert tries == [False, True] and colmap[before:] == ["match"]
+    mapping.map_frames(
+        tmp_path, PLANE.names, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
+    )
+    assert tries == [False, True] and colmap[before:] == ["find", "match"]
     assert len(mapping._rows(tmp_path / "work" / "matches_0.db", "SELECT name FROM images")) == 7
     assert (tmp_path / "database.db").read_bytes() == b"with another focal length"
 
@@ -407,23 +482,49 @@ def moving(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     return moving
 
 
+def masked(scene: Path, work: Path, **options: Any) -> Masks:
+    """Return what masks of a scene of the plane are written, of whose points nothing is known."""
+    points = StaticPoints(scene / "sparse" / "0", PLANE.names)
+    points._long.clear()
+    return write_masks(scene, "images", PLANE.names, work, SmearNetwork(), points=points, **options)
+
+
 def test_a_scene_in_which_nothing_moves_has_no_masks(
     whole: Reconstruction, moving: set[str], tmp_path: Path
 ) -> None:
     scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
-    assert write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork()) == []
+    assert masked(scene, tmp_path / "work").files == []
     assert not (scene / MASKS).exists()
 
 
-@pytest.mark.parametrize(("first", "count", "masked"), [(2, 1, 0), (3, 1, 0), (2, 2, 7), (3, 2, 7)])
+@pytest.mark.parametrize(("shown", "recovered"), [(True, False), (False, False), (True, True), (False, True)])
+def test_what_shows_points_of_the_model_as_the_rest_does_stands_still(
+    video: Path, tmp_path: Path, shown: bool, recovered: bool
+) -> None:
+    model, name = pycolmap.Reconstruction(video / "model"), PLANE.names[2]
+    moving = np.zeros(PLANE.render(2).shape[:2], bool)
+    moving[40:120, 60:160] = True
+    image = model.find_image_with_name(name)
+    for index, point in enumerate(image.points2D):
+        x, y = np.floor(point.xy).astype(int)
+        if not shown and point.has_point3D() and moving[y, x]:
+            model.delete_observation(image.image_id, index)
+    model.write(tmp_path)
+    points = StaticPoints(tmp_path, [name] * recovered)
+    assert np.array_equal(points.without_static(name, moving), moving & (not shown))
+    assert not points.without_static(name, np.zeros_like(moving)).any()
+
+
+@pytest.mark.parametrize(("first", "count", "masked_frames"), [(2, 1, 0), (3, 1, 0), (2, 2, 7), (3, 2, 7)])
 def test_what_moves_in_one_of_consecutive_frames_alone_is_a_mistake(
-    whole: Reconstruction, moving: set[str], tmp_path: Path, first: int, count: int, masked: int
+    whole: Reconstruction, moving: set[str], tmp_path: Path, first: int, count: int, masked_frames: int
 ) -> None:
     moving |= set(PLANE.names[first : first + count])
     scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
-    write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork(), consecutive=True)
-    assert len(list(scene.glob(f"{MASKS}/*.png.png"))) == masked
-    for name in PLANE.names if masked else ():
+    written = masked(scene, tmp_path / "work", consecutive=True)
+    assert len(written.moving) == (count if masked_frames else 0)
+    assert len(list(scene.glob(f"{MASKS}/*.png.png"))) == masked_frames
+    for name in PLANE.names if masked_frames else ():
         hidden = np.array(Image.open(scene / MASKS / f"{name}.png")) == 0
         assert hidden.sum() == (600 if name in moving else 0)
 
@@ -432,7 +533,7 @@ def test_half_of_the_consecutive_frames_of_a_still_scene_are_segmented(
     whole: Reconstruction, moving: set[str], tmp_path: Path
 ) -> None:
     work = tmp_path / "work"
-    assert write_masks(whole.folder, "images", PLANE.names, work, SmearNetwork(), consecutive=True) == []
+    assert masked(whole.folder, work, consecutive=True) == ([], [])
     assert {path.name for path in work.iterdir()} == {f"{name}.png" for name in PLANE.names[::2]}
 
 
@@ -443,8 +544,8 @@ def test_where_something_moves_all_frames_have_masks_that_trainers_find(
     moving.add(PLANE.names[2])
     scene = Path(shutil.copytree(whole.folder, tmp_path / "scene"))
     beside = dialect == "instant-ngp"
-    written = write_masks(scene, "images", PLANE.names, tmp_path / "work", SmearNetwork(), beside=beside)
-    _write_transforms(scene, replace(OPTIONS, dialect=dialect), written)
+    written = masked(scene, tmp_path / "work", beside=beside)
+    write_transforms(scene, replace(OPTIONS, dialect=dialect), masked=bool(written.files))
     frames = json.loads((scene / "transforms.json").read_text())["frames"]
     named = {frame["file_path"]: frame.get("mask_path") for frame in frames}
     assert set(named.values()) == ({None} if beside else {f"masks/{name}.png" for name in PLANE.names})
@@ -455,6 +556,21 @@ def test_where_something_moves_all_frames_have_masks_that_trainers_find(
         ignored = scene / "images" / f"dynamic_mask_f_{k}.png"
         assert ignored.exists() == beside
         assert not beside or (np.array(Image.open(ignored)) == 255 - first).all()
+
+
+@pytest.mark.parametrize(
+    ("moving_frames", "line"),
+    [
+        (("a", "b"), "  something moves by itself in 2 frames; see masks"),
+        ((), "  nothing moves by itself, so that no masks were written"),
+        (None, None),
+    ],
+)
+def test_the_table_says_whether_anything_moves(
+    whole: Reconstruction, moving_frames: tuple[str, ...] | None, line: str | None
+) -> None:
+    lines = list(outcome_table(replace(whole, moving=moving_frames)))
+    assert [one for one in lines if "by itself" in one] == [line] * (line is not None)
 
 
 def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
@@ -479,7 +595,7 @@ def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
             with pytest.raises(KeyboardInterrupt):
                 reconstruct(video / "frames", tmp_path / "scene", OPTIONS, jobs=1)
     made = reconstruct(video / "frames", tmp_path / "scene", OPTIONS, jobs=1)
-    assert made.recovered == whole.recovered and colmap[before:] == ["match", "map"]
+    assert made.recovered == whole.recovered and colmap[before:] == ["find", "match", "map"]
     assert contents(tmp_path / "scene") == contents(whole.folder)
 
 

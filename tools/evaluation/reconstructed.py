@@ -24,7 +24,8 @@ from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_picture
 from blur2view.reconstruction import mapping
 from blur2view.reconstruction.options import ReconstructionOptions
-from blur2view.reconstruction.reconstruct import EXPOSURES, reconstruct
+from blur2view.reconstruction.reconstruct import reconstruct
+from blur2view.reconstruction.scene import EXPOSURES
 from tools.command import Existing, Target, publish, run, table
 from tools.evaluation.placed import Poses, camera_of, centre_of, poses_of
 from tools.evaluation.recovered import SHORT, averaged, missing_of
@@ -112,7 +113,8 @@ def by_colmap(
     shutil.rmtree(work, ignore_errors=True)
     begun, database = cpu_s(), work / "matches.db"
     camera = options.for_colmap(read_picture(frames / names[0], as_stored=True).size)
-    mapping.match(database, frames, names, camera=camera, blurred=False)
+    mapping.find_features(database, frames, names, camera=camera, blurred=False)
+    mapping.match(database, names, blurred=False)
     known = bool(options.camera)
     models = mapping.mapped(database, frames, work / "models", mapper="incremental", camera_known=known)
     return poses_of(models[0]) if models else {}, cpu_s() - begun
