@@ -75,10 +75,12 @@ FRAMES = ("f_000.jpg", "f_010.jpg", "f_020.jpg")  # every tenth of a video
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that README names, others the sample at half its size."""
+    """Return a folder with the files that README names: the desk, and all but the samples, at half size."""
     (tmp_path / "models").mkdir()
     for path in (ROOT / "models").glob("*.jpg"):
         shutil.copy(path, tmp_path / "models")
+    desk = np.asarray(cv2.imread(str(ROOT / "models/desk.jpg")))  # of nine times the sample's pixels
+    cv2.imwrite(str(tmp_path / "models/desk.jpg"), cv2.resize(desk, None, fx=0.5, fy=0.5))
     picture = cv2.resize(np.asarray(cv2.imread(str(SAMPLE))), None, fx=0.5, fy=0.5)
     for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
         (tmp_path / name).parent.mkdir(exist_ok=True)

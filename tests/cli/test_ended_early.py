@@ -15,7 +15,7 @@ from blur2view.errors import OutputError
 from blur2view.files import write_files
 from blur2view.images.image import read_picture
 from tests.support.calls import Call
-from tests.support.many_photographs import ROOT, contents, finish, start, write_photographs
+from tests.support.many_photographs import ROOT, contents, start, write_photographs
 
 SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 
@@ -92,16 +92,18 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     before = len(list((tmp_path / "out").glob("*.json")))
-    code, printed, _ = finish("estimate", *words, "--jobs", 2, "-o", tmp_path / "out", "--resume")
-    assert code == 0 and 3 <= before < 24
-    assert f"{24 - before} done, {before} done before" in printed
+    done = run(tmp_path / "in", "-o", tmp_path / "out", "--resume")
+    assert done == 0 and 3 <= before < 24
+    assert f"{24 - before} done, {before} done before" in done.out
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 @SIGNALS
 @pytest.mark.slow
 def test_interrupt_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 120, (320, 400))  # more than a busy machine does before it looks
+    (photograph,) = write_photographs(tmp_path / "in", 1, (320, 400))
+    for index in range(120):  # more than a busy machine does before it looks
+        photograph.with_name(f"{index:03d}.png").write_bytes(photograph.read_bytes())
     words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
     running = start("estimate", *words)
     wait_for(running, tmp_path / "out", 4)

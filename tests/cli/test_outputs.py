@@ -123,21 +123,19 @@ def test_a_stem_as_long_as_a_name_may_be_is_written(run: Call, still: Path, tmp_
     "words", [["estimate", "-o", "out"], ["triage", "--csv", "t.csv"], ["report", "-o", "page.html"]]
 )
 def test_a_full_disk_is_clear_lines_and_loses_nothing(
-    tiny_model: Path, frames: Path, tmp_path: Path, words: list[str]
+    call: Call, tiny_model: Path, frames: Path, here: Path, words: list[str]
 ) -> None:
-    line = command(*words, frames, "--recursive", "--model", tiny_model, "--jobs", 1)
-    assert subprocess.run(line, cwd=tmp_path, env=environment(), capture_output=True).returncode == 0
-    before = contents(tmp_path)
+    assert call(*words, frames, "--recursive") == 0
+    before = contents(here)
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))  # as if there were room for no more
 
-    full = subprocess.run(
-        line, cwd=tmp_path, env=environment(), capture_output=True, text=True, preexec_fn=limit
-    )
+    line = command(*words, frames, "--recursive", "--model", tiny_model, "--jobs", 1)
+    full = subprocess.run(line, env=environment(), capture_output=True, text=True, preexec_fn=limit)
     assert full.returncode == 1 and "Traceback" not in full.stderr
     assert "File too large" in full.stderr and len(full.stderr.splitlines()) <= 2
-    after = contents(tmp_path)
+    after = contents(here)
     assert {name: after[name] for name in before} == before
 
 

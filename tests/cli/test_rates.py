@@ -19,7 +19,7 @@ from tests.results.test_gyroflow import parsed
 from tests.support.calls import Call, table
 from tests.support.many_photographs import write_frames, write_photographs
 
-SIZE, FOCAL_PX, FRAMES_PER_S = (400, 304), 360.0, 25.0
+SIZE, FOCAL_PX, FRAMES_PER_S = (320, 240), 360.0, 25.0
 OPEN = 0.8  # of the interval of frames
 EXPOSURE_S = OPEN / FRAMES_PER_S
 SUBFRAMES, PERIOD = 24, 16.0  # per exposure; frames of a swing

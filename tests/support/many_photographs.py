@@ -56,13 +56,6 @@ def start(*words: object) -> Popen[str]:
     return Popen(command(*words), env=environment(), stdout=PIPE, stderr=PIPE, text=True, preexec_fn=heeds)
 
 
-def finish(*words: object) -> tuple[int, str, str]:
-    """Return exit code, output and complaints of the program."""
-    running = start(*words)
-    printed, complaints = running.communicate()
-    return running.returncode, printed, complaints
-
-
 def environment() -> dict[str, str]:
     """Return the environment in which this checkout is imported and libraries use one thread."""
     return os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}

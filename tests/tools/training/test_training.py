@@ -102,12 +102,13 @@ def test_the_smear_networks_file_computes_what_torch_does_and_a_training_starts_
     network.load_state_dict(weights)  # no two of them are equal
     state = {"average": weights, "widths": vars(options), "step": 40, "seed": 3, "batch": 16}
     torch.save(state | {"figures": {"loss": 1.5}}, tmp_path / "last.pt")
-    exported, exact = tmp_path / "smear.onnx", tmp_path / "exact.onnx"
+    exported, exact, grey = tmp_path / "smear.onnx", tmp_path / "exact.onnx", sample_picture()
+    monkeypatch.setattr(export, "sample_picture", lambda: grey)  # rendered once
     with monkeypatch.context() as patch:
         patch.setattr(export, "with_integers", lambda model, scratch: model)
         export.main("smear", [tmp_path / "last.pt"], exact)
     export.main("smear", [tmp_path / "last.pt"], exported)
-    grey, octave = sample_picture(), Exported(network, octave_of)
+    octave = Exported(network, octave_of)
     network.store_matrices()
     for height, width in ((64, 64), (96, 224)):
         inputs = smear_inputs(network, grey[..., :height, :width].contiguous())
