@@ -212,7 +212,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
 def test_a_camera_that_stands_still_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mapping, "in_process", lambda call, *given, **options: call(*given, **options))
+    monkeypatch.setattr(mapping, "in_process", lambda call, *given, watch: call(*given))
     picture = PLANE.render(0)
     (tmp_path / "frames").mkdir()
     for k in range(3):
