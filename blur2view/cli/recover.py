@@ -10,7 +10,15 @@ from blur2view.cli.options import Printing
 from blur2view.cli.parser import Length, flag, length, option, rare_option, required
 from blur2view.cli.place import refused_lines
 from blur2view.cli.terminal import INTERRUPTED, complain, plural, printable, waiting
-from blur2view.colmap.models import DATABASE, find_model, noted, read_ids, refuse_other_model, write_model
+from blur2view.colmap.models import (
+    DATABASE,
+    find_model,
+    holds_model,
+    noted,
+    read_ids,
+    refuse_other_model,
+    write_model,
+)
 from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.files import writable_folder
 
@@ -91,20 +99,17 @@ class RecoverOptions:
         from blur2view.colmap.blurred_tracks import track_frames
         from blur2view.colmap.frame_sequence import FrameSequence
         from blur2view.colmap.recovery import finished_recovery
-        from blur2view.colmap.recovery_run import Notes
         from blur2view.exposure.sequence import frame_names
         from blur2view.networks.smear_network import SmearNetwork
 
-        names, model = frame_names(self.frames_dir), find_model(self.model, complain)
+        model = self._find_model()
+        names = frame_names(self.frames_dir)
         self._check_targets(model, names)
         database, ids = self._database(model)
         quiet = self.printing.quiet
+        sequence = FrameSequence(model, self.frames_dir, names, SmearNetwork())
+        notes = self._set_aside(sequence)
         with waiting("recovering frames", hidden=quiet) as show:
-            sequence = FrameSequence(model, self.frames_dir, names, SmearNetwork())
-            if self.max_smear is not None:
-                width = next(iter(sequence.model.cameras.values())).width
-                sequence.set_aside(sequence.doubtful(self.max_smear.px(width)))
-            notes = Notes(self.output / NOTES, sequence)
             interrupted = self._recover(sequence, notes, show)
             recovery = finished_recovery(
                 sequence, ids, self.database, views=self.views or None, refine=self.refine
@@ -125,6 +130,33 @@ class RecoverOptions:
             left = plural(asked - len(sequence.recovered) - len(sequence.refused), "frame")
             complain(RunError(f"interrupted with {left} left; the same call goes on"))
         return INTERRUPTED if interrupted else 0
+
+    def _find_model(self) -> Path:
+        """Return the folder of the model; DatabaseError if it is named in the place of the frames."""
+        model = find_model(self.model, complain)
+        if not holds_model(model) and holds_model(find_model(self.frames_dir)):
+            raise DatabaseError(
+                f"{self.model}: has no COLMAP model, but {self.frames_dir} has; name the model first"
+            )
+        return model
+
+    def _set_aside(self, sequence: "FrameSequence") -> "Notes":
+        """Return the notes of this call, after setting aside the frames that get a new pose."""
+        from blur2view.colmap.recovery_run import Notes, set_aside_blurred
+        from blur2view.networks.model_file import usable_cores
+
+        jobs, notes = self.jobs or usable_cores(), self.output / NOTES
+        if self.max_smear is None:
+            return Notes(notes, sequence)
+        longest_px = self.max_smear.px(next(iter(sequence.model.cameras.values())).width)
+        noted = Notes(notes, sequence, longest_px)
+        try:
+            with waiting("reading smears", hidden=self.printing.quiet) as show:
+                set_aside_blurred(sequence, longest_px, jobs=jobs, notes=noted, show=show)
+        except DatabaseError:  # nothing is written
+            noted.remove()
+            raise
+        return noted
 
     def _check_targets(self, model: Path, names: Sequence[str]) -> None:
         """Refuse, before any work, what cannot be written, and a project for --tracks that cannot be used."""

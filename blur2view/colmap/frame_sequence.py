@@ -104,17 +104,12 @@ class FrameSequence:
         self.aside |= {name: self.images.pop(name) for name in names}
         self.poses = {name: pose for name, pose in self.poses.items() if name not in names}
 
-    def doubtful(self, max_smear_px: float) -> list[str]:
-        """Return the registered frames whose smears, median at their points, are longer, or `misplaced` ones.
+    def alone(self) -> list[str]:
+        """Return the registered frames without those of rigs of several cameras, which share a pose."""
+        registered = [name for name in self.times if name in self.images]
+        return [name for name in registered if self.images[name].frame.num_data_ids() == 1]
 
-        Not those of rigs of several cameras, whose images share a pose.
-        """
-        misplaced = self.misplaced()
-        alone = [name for name in self.times if name in self.images]
-        alone = [name for name in alone if self.images[name].frame.num_data_ids() == 1]
-        return [name for name in alone if name in misplaced or self._smear_px(name) > max_smear_px]
-
-    def _smear_px(self, name: str) -> float:
+    def smear_px(self, name: str) -> float:
         """Return the median length of a registered frame's smears at the points that it sees; 0 of none.
 
         A file that cannot be read has none, and its frame keeps its pose.

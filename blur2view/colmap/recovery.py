@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from blur2view.camera import to_colmap
 from blur2view.colmap.blurred_pose import pose_at
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
-from blur2view.colmap.models import DatabaseIds, add_image, read_ids, registered_images, set_pose
+from blur2view.colmap.models import DatabaseIds, add_image, observed, read_ids, registered_images, set_pose
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints
-from blur2view.colmap.recovery_run import Notes, recover_all
+from blur2view.colmap.recovery_run import Notes, recover_all, set_aside_blurred
 from blur2view.colmap.warped_view import projected
 from blur2view.exposure.sequence import frame_names
 from blur2view.exposure.views import CLOSE, OPEN
@@ -91,7 +91,7 @@ def recover_frames(
         A file in which each frame is noted as it is done: an interrupted call, or a killed one, goes on where
         it stopped when it is repeated. That of another call begins anew.
     show
-        Gets how many frames are done, of how many.
+        Gets how many frames are done, of how many; first of those whose smears are read for ``max_smear_px``.
 
     Returns
     -------
@@ -119,9 +119,10 @@ def recover_frames(
     if keep_keypoints and database is None:
         raise ValueError("keep_keypoints needs the database with these keypoints")
     ids = None if database is None else read_ids(Path(database))
+    noted = None if notes is None else Notes(Path(notes), sequence, max_smear_px)
     if max_smear_px is not None:
-        sequence.set_aside(sequence.doubtful(max_smear_px))
-    recover_all(sequence, jobs=jobs, notes=None if notes is None else Notes(Path(notes), sequence), show=show)
+        set_aside_blurred(sequence, max_smear_px, jobs=jobs, notes=noted, show=show)
+    recover_all(sequence, jobs=jobs, notes=noted, show=show)
     keypoints_db = Path(database) if keep_keypoints and database is not None else None
     return finished_recovery(sequence, ids, keypoints_db, views=views, refine=refine)
 
@@ -144,8 +145,9 @@ def finished_recovery(
     recovered = [name for name in sequence.times if name in sequence.recovered]
     for name in recovered:
         _add_frame(sequence, name, ids)
-    if refine and recovered:  # but for frames whose keypoints are those that their blur displaced
-        adjust(sequence.model, [name for name in recovered if name not in sequence.aside])
+    if refine and recovered:
+        free = [name for name in recovered if name not in sequence.aside]
+        adjust(sequence.model, free, displaced=sequence.aside)
     if keypoints_db is not None:
         sequence.model = _with_keypoints(sequence, before, keypoints_db, ids)
     for name in recovered if views else ():
@@ -221,8 +223,11 @@ def _add_views(sequence: FrameSequence, name: str, ids: DatabaseIds | None) -> N
         add_image(model, name + end, pose, keypoints, image, ids)
 
 
-def adjust(model: Any, free: Collection[str]) -> None:
-    """Adjust the points of a model and the poses of its images named ``free``; all else stays."""
+def adjust(model: Any, free: Collection[str], displaced: Collection[str] = ()) -> None:
+    """Adjust the points of a model and the poses of its images named ``free``; all else stays.
+
+    Nothing is taken from the keypoints of ``displaced`` images, which COLMAP found where the blur put them.
+    """
     import pycolmap
 
     options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
@@ -233,7 +238,11 @@ def adjust(model: Any, free: Collection[str]) -> None:
         if image.name not in free:
             config.set_constant_rig_from_world_pose(image.frame_id)
     adjusted = deepcopy(model)
-    for number, point in model.points3D.items():
+    for image in registered_images(adjusted).values():
+        for keypoint in observed(adjusted, image) if image.name in displaced else ():
+            if image.points2D[keypoint].has_point3D():  # which goes with the last but one that sees it
+                adjusted.delete_observation(image.image_id, keypoint)
+    for number, point in list(adjusted.points3D.items()):
         if point.track.length() < 2:  # on which pycolmap ends
             adjusted.delete_point3D(number)
     pycolmap.create_default_bundle_adjuster(options, config, adjusted).solve()

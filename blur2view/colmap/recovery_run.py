@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -30,37 +30,51 @@ from blur2view.files import (
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.processes import not_started, processes, spawn_context
 
+SMEAR = "smear_px"  # key of a line that has it
 Result: TypeAlias = RecoveredFrame | str
 """A recovered frame, or the reason for which it is refused."""
-TryFrames = Callable[[Sequence[str], Mapping[str, Array]], Iterator[Result]]
-"""Tries frames by the poses of all that are known, and yields their results in order."""
+OfEach = Callable[[Callable[[FrameSequence, str], Any], Sequence[str]], Iterator[Any]]
+"""Yields what a method of a sequence returns of frames, in order."""
+Show = Callable[[int, int], None]
 
 
 class Notes:
     """A file of results, one frame a line, so that a call that was interrupted goes on where it stopped.
 
     The first line says of which call and which version of the program they are; what was damaged since is
-    done again. OutputError if the file is somebody else's.
+    done again. ``smears`` are those that are read where ``max_smear_px`` sets frames aside, pixels.
+    OutputError if the file is somebody else's.
     """
 
-    def __init__(self, path: Path, sequence: FrameSequence) -> None:
-        self.path, self.first, self.results = path, _first_line(sequence), dict[str, Result]()
+    def __init__(self, path: Path, sequence: FrameSequence, max_smear_px: float | None = None) -> None:
+        self.path, self.first = path, _first_line(sequence, max_smear_px)
+        self.results, self.smears = dict[str, Result](), dict[str, float]()
         if os.path.lexists(path) and not is_ours(path):
             raise OutputError(f"{path}: already exists and was not written by blur2view; name another")
         lines = checked_lines(path)
-        if lines[:1] == [self.first]:
-            self.results = dict(_read_line(line) for line in lines[1:])
+        ours = lines[:1] == [self.first]
+        for values in map(json.loads, lines[1:] if ours else ()):
+            name = values.pop("name")
+            if SMEAR in values:
+                self.smears[name] = values[SMEAR]
+            else:
+                self.results[name] = _read_result(values)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise unwritable(path.parent, error) from None
-        content = "".join(map(checked_line, lines if self.results else [self.first]))
+        content = "".join(map(checked_line, lines if ours else [self.first]))
         write_file(path, content.encode())  # whole or not at all, so that no result is lost on the way
 
     def add(self, name: str, result: Result) -> None:
         """Note a frame's result."""
         self.results[name] = result
         add_checked_line(self.path, _line(name, result))
+
+    def add_smear(self, name: str, smear_px: float) -> None:
+        """Note the length of a frame's smears."""
+        self.smears[name] = smear_px
+        add_checked_line(self.path, json.dumps({"name": name, SMEAR: smear_px}))
 
     def remove(self) -> None:
         """Remove the file, and its folder if nothing else is there."""
@@ -69,12 +83,38 @@ class Notes:
             self.path.parent.rmdir()
 
 
+def set_aside_blurred(
+    sequence: FrameSequence,
+    max_smear_px: float,
+    *,
+    jobs: int = 1,
+    notes: Notes | None = None,
+    show: Show = lambda done, count: None,
+) -> None:
+    """Set aside the registered frames whose smears, median at their points, are longer, and misplaced ones.
+
+    DatabaseError if fewer than two are left.
+    """
+    names, smears = sequence.alone(), dict[str, float]() if notes is None else notes.smears
+    missing = [name for name in names if name not in smears]
+    read = dict(smears)
+    with _processes(sequence, min(jobs, len(missing))) as of_each:
+        show(len(names) - len(missing), len(names))
+        for name, smear_px in zip(missing, of_each(FrameSequence.smear_px, missing), strict=True):
+            read[name] = smear_px
+            if notes is not None:
+                notes.add_smear(name, smear_px)
+            show(len(read), len(names))
+    misplaced = sequence.misplaced()
+    sequence.set_aside([name for name in names if name in misplaced or read[name] > max_smear_px])
+
+
 def recover_all(
     sequence: FrameSequence,
     *,
     jobs: int = 1,
     notes: Notes | None = None,
-    show: Callable[[int, int], None] = lambda done, count: None,
+    show: Show = lambda done, count: None,
 ) -> None:
     """Recover the frames that a sequence's model lacks, or refuse them, and note both in the sequence.
 
@@ -83,7 +123,7 @@ def recover_all(
     """
     rounds, noted_results = sequence.rounds(), {} if notes is None else notes.results
     count, done = sum(map(len, rounds)), 0
-    with _processes(sequence, min(jobs, count - len(noted_results))) as try_frames:
+    with _processes(sequence, min(jobs, count - len(noted_results))) as of_each:
         for names in rounds:
             missing = [name for name in names if name not in noted_results]
             for name in names:
@@ -91,7 +131,7 @@ def recover_all(
                     sequence.note(name, noted_results[name])
             done += len(names) - len(missing)
             show(done, count)
-            for name, result in zip(missing, try_frames(missing, dict(sequence.poses)), strict=True):
+            for name, result in zip(missing, of_each(FrameSequence.try_frame, missing), strict=True):
                 sequence.note(name, result)
                 if notes is not None:
                     notes.add(name, result)
@@ -103,27 +143,28 @@ def recover_all(
 
 
 @contextmanager
-def _processes(sequence: FrameSequence, count: int) -> Iterator[TryFrames]:
-    """Yield what tries frames: this process, or several that end with the block, also by Ctrl-C."""
+def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
+    """Yield what works on frames: this process, or several that end with the block, also by Ctrl-C."""
     if count < 2:
-        yield lambda names, poses: map(sequence.try_frame, names)
+        yield lambda work, names: (work(sequence, name) for name in names)
         return
     stop, network = spawn_context().Event(), sequence.network
     reader = network.path if isinstance(network, SmearNetwork) else network
     prepare_args = sequence.source, sequence.folder, list(sequence.times), reader, list(sequence.aside)
     pool = processes(count, _prepare, prepare_args, stop=stop)
-    pending: list[Future[Result]] = []
+    pending: list[Future[Any]] = []
 
-    def try_frames(names: Sequence[str], poses: Mapping[str, Array]) -> Iterator[Result]:
+    def of_each(work: Callable[[FrameSequence, str], Any], names: Sequence[str]) -> Iterator[Any]:
+        poses = dict(sequence.poses)
         try:
-            pending[:] = [pool.submit(_try_frame, name, poses) for name in names]
+            pending[:] = [pool.submit(_of_one, work, name, poses) for name in names]
         except OSError as error:
             raise not_started(error) from None
         for future in list(pending):
             yield future.result()
 
     try:
-        yield try_frames
+        yield of_each
     except BrokenProcessPool:
         raise RunError("a process died, perhaps because of too little memory; add --jobs 1") from None
     finally:
@@ -145,21 +186,21 @@ def _prepare(
     _SEQUENCE[0].set_aside(aside)
 
 
-def _try_frame(name: str, poses: Mapping[str, Array]) -> Result:
-    """Return a frame's result by the poses of all that are known."""
+def _of_one(work: Callable[[FrameSequence, str], Any], name: str, poses: Mapping[str, Array]) -> Any:
+    """Return what a method returns of a frame, by the poses of all that are known."""
     (sequence,) = _SEQUENCE
     sequence.poses = dict(poses)
-    return sequence.try_frame(name)
+    return work(sequence, name)
 
 
-def _first_line(sequence: FrameSequence) -> str:
+def _first_line(sequence: FrameSequence, max_smear_px: float | None) -> str:
     """Return the line that stands for a call: its model, frames, network and version."""
     model = {path.name: file_digest(path) for path in sorted(sequence.source.iterdir()) if path.is_file()}
     states = [(sequence.folder / name).stat() for name in sequence.times if (sequence.folder / name).exists()]
     frames = list(sequence.times), [(state.st_size, state.st_mtime_ns) for state in states]
     network = getattr(sequence.network, "model_id", "")
     call = sha256(
-        repr((model, frames, network, list(sequence.aside), __version__)).encode("utf-8", "surrogateescape")
+        repr((model, frames, network, max_smear_px, __version__)).encode("utf-8", "surrogateescape")
     ).hexdigest()
     return json.dumps(signed({"call_sha256": call}, "recover"))
 
@@ -172,12 +213,10 @@ def _line(name: str, result: Result) -> str:
     return json.dumps({"name": name, **values})
 
 
-def _read_line(line: str) -> tuple[str, Result]:
-    """Return the name and the result of a line."""
-    values = json.loads(line)
-    name = values.pop("name")
+def _read_result(values: dict[str, Any]) -> Result:
+    """Return the result of a line's values."""
     if "refused" in values:
-        return name, values["refused"]
+        return str(values["refused"])
     points, residual = np.array(values.pop("points"), int), values.pop("residual_px")
     arrays = {key: np.array(value, float) for key, value in values.items()}
-    return name, RecoveredFrame(points=points, residual_px=residual, **arrays)
+    return RecoveredFrame(points=points, residual_px=residual, **arrays)

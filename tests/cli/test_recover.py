@@ -34,6 +34,13 @@ def test_registered_frames_may_not_all_be_posed_anew(
     assert not (tmp_path / "all").exists()
 
 
+def test_frames_that_are_named_before_the_model_are_said_to_be(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = call_program(capsys, "recover", video / "frames", video / "model", "-o", tmp_path / "all")
+    assert done == 1 and f"{video / 'model'} has; name the model first" in done.err
+
+
 def test_only_missing_frames_that_are_all_refused_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.colmap.recovery_run.recover_all", lambda *_, **__: None)
     options: Any = RecoverOptions(model=Path("m"), frames_dir=Path("f"), output=Path("o"))

@@ -5,8 +5,10 @@ import os
 import sqlite3
 from collections.abc import Collection
 from contextlib import closing
+from copy import deepcopy
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,8 +30,8 @@ from blur2view.colmap.frame_sequence import (
     weighted_mean,
 )
 from blur2view.colmap.models import observed, registered_images, set_pose
-from blur2view.colmap.recovery import Recovery, recover_frames
-from blur2view.colmap.recovery_run import Notes
+from blur2view.colmap.recovery import Recovery, adjust, recover_frames
+from blur2view.colmap.recovery_run import Notes, set_aside_blurred
 from blur2view.errors import DatabaseError, OutputError, RunError
 from blur2view.exposure.trajectory import CameraPath, Expected, changed, relative_motion
 from tests.support.blurred_plane import FOCAL, SIZE, BlurredPlane, ExactSmears
@@ -317,7 +319,7 @@ def wrong(tmp_path_factory: pytest.TempPathFactory, network: ExactSmears) -> tup
     PLANE.write(path, range(PLANE.frames))
     model = pycolmap.Reconstruction(path / "model")
     sequence = FrameSequence(path / "model", path / "frames", PLANE.names, network)  # type: ignore[arg-type]
-    lengths = {name: sequence._smear_px(name) for name in PLANE.names[2:-2]}
+    lengths = {name: sequence.smear_px(name) for name in PLANE.names[2:-2]}
     name = max(lengths, key=lambda name: lengths[name])
     set_pose(model, name, changed(sequence.poses[name], np.array([0.01, 0.02, 0, 0.1, 0, 0])))
     model.write(path / "model")
@@ -343,6 +345,40 @@ def test_a_registered_frame_with_longer_smears_gets_a_new_pose_and_keeps_the_res
     true = PLANE.pose(PLANE.names.index(name))
     assert apart(found.recovered[name].pose, true)[0] < 0.2 < 1 < apart(poses_of(before)[name], true)[0]
     assert found.model.find_image_with_name(f"{name}#open") is not None
+
+
+def test_smears_that_were_noted_are_not_read_again(
+    wrong: tuple[Path, str, float], network: ExactSmears, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _, longest = wrong
+    given: Any = folder / "model", folder / "frames", PLANE.names, network
+    asides, shown = list[list[str]](), list[tuple[int, int]]()
+    for jobs in (2, 1):
+        sequence = FrameSequence(*given)
+        notes = Notes(tmp_path / "notes.jsonl", sequence, longest - 0.01)
+        set_aside_blurred(
+            sequence, longest - 0.01, jobs=jobs, notes=notes, show=lambda *counts: shown.append(counts)
+        )
+        asides.append(list(sequence.aside))
+        monkeypatch.setattr(FrameSequence, "smear_px", None)
+    assert asides[0] == asides[1] and wrong[1] in asides[0]
+    assert shown[:2] == [(0, 9), (1, 9)] and shown[-1] == (9, 9)
+    assert Notes(tmp_path / "notes.jsonl", FrameSequence(*given), longest).smears == {}
+
+
+def test_keypoints_that_blur_displaced_move_no_point(
+    wrong: tuple[Path, str, float], network: ExactSmears
+) -> None:
+    model = pycolmap.Reconstruction(wrong[0] / "model")
+    before = {number: point.xyz.copy() for number, point in model.points3D.items()}
+    with_them = deepcopy(model)
+    adjust(with_them, [])
+    adjust(model, [], displaced=[wrong[1]])  # whose pose is wrong
+    moved = [
+        max(np.linalg.norm(one.points3D[number].xyz - place) for number, place in before.items())
+        for one in (with_them, model)
+    ]
+    assert moved[1] < 0.01 * moved[0]
 
 
 def test_a_registered_frame_that_is_refused_keeps_its_pose(
