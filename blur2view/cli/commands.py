@@ -16,7 +16,7 @@ from typing import Any
 from blur2view import __version__
 from blur2view.cli.parser import CommandParser, Layout, Parser
 from blur2view.cli.terminal import EXIT_CODES, FAILED, INTERRUPTED, UNREAD, complain
-from blur2view.errors import Blur2ViewError
+from blur2view.errors import Blur2ViewError, system_error
 
 COMMANDS = {
     "estimate": "tell how the camera moved while the shutter was open: F and, with intrinsics, E and the "
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Blur2ViewError as error:
         complain(error)
     except (MemoryError, ImportError, RuntimeError) as error:
-        complain(_system_error(error, jobs=hasattr(options, "many")))
+        complain(system_error(error, jobs=hasattr(options, "many")))
     except KeyboardInterrupt:
         complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
@@ -73,16 +73,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         why = f"cannot be used ({error.strerror}); check the path and its permissions"
         complain(Blur2ViewError(f"{name}: {why}"))
     return FAILED
-
-
-def _system_error(error: Exception, *, jobs: bool) -> Blur2ViewError:
-    """Return the line for an error that too little memory caused; any other error is raised again."""
-    said = " ".join(str(error).split())
-    if isinstance(error, MemoryError) or "start new thread" in said:
-        return Blur2ViewError(f"too little memory; free some{', or add --jobs 1' if jobs else ''}")
-    if isinstance(error, ImportError) or "Cannot import" in said:  # of pycolmap
-        return Blur2ViewError(f"a library cannot be loaded ({said}); free memory, or install it again")
-    raise error
 
 
 def parse(words: Sequence[str]) -> Any:

@@ -7,22 +7,14 @@ import threading
 import warnings
 from signal import SIG_IGN, SIGINT, signal
 
+from blur2view.errors import address_space_mib, system_error
+
 # MiB of address space, which `ulimit -v` may limit: no command works with less, and of 385 to 640 OpenBLAS or
 # the loader end the process without a line, or it hangs
 LEAST_MIB = 700
 # commands that read photographs by a network, and words with which it is not the shipped one, or none
 NETWORK_COMMANDS = {"estimate", "segment", "to-colmap", "recover", "reconstruct", "report", "triage"}
 NOT_SHIPPED = "-h", "--help", "--model", "--provider"
-
-
-def address_space_mib() -> float:
-    """Return how much address space this process may have, MiB; infinite where the system has no limit."""
-    try:
-        import resource
-    except ImportError:
-        return float("inf")
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return float("inf") if limit == resource.RLIM_INFINITY else limit / 2**20
 
 
 def start() -> int:
@@ -38,11 +30,8 @@ def start() -> int:
     # libpng, libtiff and OpenCV print to 2 without naming a file; our own lines go where 2 led
     sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-    if (limit := address_space_mib()) < LEAST_MIB:
-        print(
-            f"blur2view: an address space of {limit:.0f} MiB is too little; allow more with ulimit -v",
-            file=sys.stderr,
-        )
+    if address_space_mib() < LEAST_MIB:
+        print(f"blur2view: {system_error(MemoryError())}", file=sys.stderr)
         return 1
     opening = None
     try:
@@ -56,11 +45,7 @@ def start() -> int:
         if code == INTERRUPTED or not (watched or any(not one.daemon for one in threading.enumerate()[1:])):
             leave(code, finish=code != INTERRUPTED)  # a network may run in its thread: nobody waits for it
     except (ImportError, MemoryError) as error:  # during an import as well; too little memory may cause it
-        reason = " ".join(str(error).split()) or "too little memory"
-        print(
-            f"blur2view: a library cannot be loaded ({reason}); free memory, or install it again",
-            file=sys.stderr,
-        )
+        print(f"blur2view: {system_error(error)}", file=sys.stderr)
         code = 1
     if opening is not None:
         opening.join()  # the interpreter's end would abort the process while a network is opened

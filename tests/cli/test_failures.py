@@ -17,7 +17,7 @@ from blur2view.cli.to_transforms import ToTransformsOptions
 from blur2view.files import quick_digest
 from blur2view.pipeline import estimate
 from tests.support.calls import Call, call_program
-from tests.support.many_photographs import command, environment
+from tests.support.many_photographs import SAMPLE, command, environment
 
 
 @pytest.mark.parametrize("raised", [MemoryError(), cv2.error("Failed to allocate")])
@@ -123,11 +123,20 @@ def test_a_video_of_a_tebibyte_is_not_read_whole(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="it limits no address space")
-@pytest.mark.parametrize("words", [("recover", "model", "frames", "-o", "all"), ("--version",)])
-def test_an_address_space_in_which_libraries_end_in_silence_is_one_line(words: Sequence[str]) -> None:
-    limited = f"ulimit -v {400 << 10}; exec {shlex.join([sys.executable, '-m', 'blur2view', *words])}"
+@pytest.mark.parametrize(
+    ("mib", "words"),
+    [
+        (400, ("recover", "model", "frames", "-o", "all")),
+        (400, ("--version",)),
+        (1200, ("estimate", str(SAMPLE), "--jobs", "1")),
+    ],
+)
+def test_an_address_space_that_is_too_small_is_one_line_that_says_what_limits_it(
+    mib: int, words: Sequence[str]
+) -> None:
+    limited = f"ulimit -v {mib << 10}; exec {shlex.join([sys.executable, '-m', 'blur2view', *words])}"
     done = subprocess.run(limited, shell=True, env=environment(), capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
-        "blur2view: an address space of 400 MiB is too little; allow more with ulimit -v\n"
+        f"blur2view: too little memory; allow a larger address space than {mib} MiB with ulimit -v\n"
     )
