@@ -24,6 +24,7 @@ from blur2view.images.pixels import (
     TOO_LARGE,
     as_floats,
     as_photograph,
+    in_least_bits,
     stored_from_upright,
     unusable_size,
     upright_from_stored,
@@ -233,13 +234,13 @@ def _refuse_rare(path: Path, tags: Mapping[int, Any], *, colour: bool) -> None:
         raise ImageError(f"{path}: is a TIFF of a kind that cannot be read ({kind}); save it as PNG")
 
 
-def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:
-    """Return 16-bit RGB (H, W, 3) or, with ``alpha``, RGBA (H, W, 4), decoded by OpenCV."""
+def _decode_deep(encoded: bytes, *, alpha: bool) -> AnyArray:
+    """Return RGB (H, W, 3) of 16 bits or, with ``alpha``, RGBA (H, W, 4), decoded by OpenCV."""
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
     channels = 4 if alpha else 3
-    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1)
+    return in_least_bits(np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1))
 
 
 def _extra(path: Path, kind: str, module: str) -> Any:

@@ -38,7 +38,7 @@ def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
         mode = "RGBA" if image.has_transparency_data else "L" if image.mode in ("1", "L") else "RGB"
         deep = image.mode.startswith("I")  # 16 bits in either order of bytes, those of PGM in 32 bits
         image = _array_of(image, None if deep or image.mode in (mode, "F") else mode)
-        image = image.astype(np.uint16) if deep and 0 <= image.min() <= image.max() <= 65535 else image
+        image = in_least_bits(image) if deep else image
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
     if not image.dtype.isnative:
@@ -55,6 +55,17 @@ def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
         image = np.asarray(image, np.float32)
     grey = image.shape[2:] == (1,) or (image.ndim == 3 and image.strides[2] == 0)  # or of equal channels
     return image[..., 0] if grey else image
+
+
+def in_least_bits(image: AnyArray) -> AnyArray:
+    """Return integers of a file as uint8 if they fit, as uint16 if not: nobody means 255 of 65535 as white.
+
+    ValueError of others, whose white no file states.
+    """
+    low, high = int(image.min()), int(image.max())
+    if low < 0 or high > 65535:
+        raise ValueError(f"its values go from {low} to {high}, so that its white is unknown")
+    return image.astype(np.uint8 if high <= 255 else np.uint16, copy=False)
 
 
 def _array_of(picture: Image.Image, mode: str | None) -> AnyArray:

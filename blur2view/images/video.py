@@ -15,10 +15,11 @@ from blur2view.errors import ImageError
 
 # Videos that OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
-SUFFIXES |= {".ogv", ".webm", ".wmv"}
+SUFFIXES |= {".264", ".265", ".h264", ".h265", ".hevc", ".ogv", ".webm", ".wmv"}
 # Containers round the number of frames: up to a second, or a quarter of the frames, that lacks at the end was
 # never recorded (bound).
 TAIL_S, TAIL_SHARE = 1.0, 0.25
+NUMBERED = "name frames by their numbers, or give it one: ffmpeg -r 30 -i VIDEO -c copy a.mp4"
 FILES_ONLY = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file"  # no playlist opens the network
 ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}  # by the degrees clockwise that OpenCV turns frames
 
@@ -46,17 +47,21 @@ def frame_times(video: Path) -> list[float]:
     A video that states no times has those of its frame rate; ImageError if it states none either, or cannot
     be opened.
     """
-    reader = _Reader(video)
-    if not reader.capture.set(cv2.CAP_PROP_FORMAT, -1):  # packets as they are stored, not in order of time
-        raise ImageError(f"{video}: states no times; name frames by their numbers")
-    times = list[float]()
-    while reader.capture.grab():
-        times.append(float(reader.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000)
+    times = _packet_times(_opened(video))
     if len(set(times)) == len(times) > 0:
         return sorted(times)
+    reader = _Reader(video)
     if reader.rate <= 0:
-        raise ImageError(f"{video}: states neither times nor a frame rate; name frames by their numbers")
+        raise ImageError(f"{video}: states neither times nor a frame rate; {NUMBERED}")
     return [k / reader.rate for k in range(reader.count)]
+
+
+def _packet_times(capture: Any) -> list[float]:
+    """Return the times in seconds of packets, one a frame, as they are stored, undecoded, not in order."""
+    times = list[float]()
+    while capture.set(cv2.CAP_PROP_FORMAT, -1) and capture.grab():
+        times.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000)
+    return times
 
 
 def frame_numbers(
@@ -71,10 +76,10 @@ def frame_numbers(
         raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
     reader = _Reader(video)
     count, rate = reader.count, reader.rate
-    if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
+    if not count:
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     if rate <= 0 and any(isinstance(number, float) for number in (first, last)):
-        raise ImageError(f"{video}: states no frame rate; name frames by their numbers")
+        raise ImageError(f"{video}: states no frame rate; {NUMBERED}")
     begin, end = (
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)
@@ -158,6 +163,9 @@ class _Reader:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.count = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))  # as announced
         self.rate = float(self.capture.get(cv2.CAP_PROP_FPS))  # frames a second, 0 if unknown
+        if not 1 <= self.count <= video.stat().st_size:  # a frame takes more than a byte
+            # a stream without a container, as x.h264: its rate is FFmpeg's guess
+            self.count, self.rate = len(_packet_times(_opened(video))), 0.0
         self.shown_s = 0.0  # stamp of the current frame
 
     def read(self, number: int) -> NDArray[np.uint8]:

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images import video
 from blur2view.images.image import read_image
-from blur2view.images.inputs import Source, frame_named
-from blur2view.images.video import EndOfVideo, read_frame, rows_towards
+from blur2view.images.inputs import Source, frame_named, list_photographs
+from blur2view.images.video import EndOfVideo, frame_numbers, read_frame, rows_towards
 from tests.images.test_image import tiff
 from tests.support.many_photographs import write_frames, write_video
 
@@ -128,7 +129,7 @@ def test_png_are_written_beside_pycolmap(tmp_path: Path) -> None:
     [(40, 3.9, True), (50, 3.9, True), (51, 3.9, False), (90, 3.9, False), (90, 8.5, True)],
 )  # the last one has a varying rate
 def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_there(
-    monkeypatch: pytest.MonkeyPatch, announced: int, last_s: float, whole: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, announced: int, last_s: float, whole: bool
 ) -> None:
     frames = iter(range(40))  # fewer than announced, ten a second
     cut = SimpleNamespace(
@@ -141,7 +142,8 @@ def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_the
         retrieve=lambda: (True, GREY),
     )
     monkeypatch.setattr(video, "_opened", lambda path: cut)
-    clip = Path(f"cut{announced}_{last_s}.mp4")
+    clip = tmp_path / "cut.mp4"
+    clip.write_bytes(bytes(announced))
     assert read_frame(clip, 39).shape == GREY.shape
     for number in range(40, announced):
         with pytest.raises(EndOfVideo, match=f"ends after 40 of {announced} frames") as caught:
@@ -151,8 +153,36 @@ def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_the
         read_frame(clip, announced)
 
 
+@pytest.mark.parametrize("name", ["a.h264", "a.mp4"])
+def test_a_stream_without_a_container_has_frames_but_no_rate(tmp_path: Path, name: str) -> None:
+    pictures = [cv2.imencode(".jpg", np.full((48, 64, 3), 20 * k, np.uint8))[1] for k in range(8)]
+    clip = tmp_path / name
+    clip.write_bytes(b"".join(map(bytes, pictures)))  # a stream of JPEG, which FFmpeg takes for 25 a second
+    (sources,) = [list_photographs([str(tmp_path)]).sources]
+    assert [source.frame for source in sources] == list(range(8))
+    assert abs(read_frame(clip, 6).mean() - 120) < 2
+    with pytest.raises(ImageError, match=r"states no frame rate; name frames .* -c copy a\.mp4"):
+        frame_numbers(clip, last=0.2)
+
+
 def test_a_video_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
     for light in (40, 200):
         frame = np.full((64, 80, 3), light, np.uint8)
         read = read_frame(write_frames(tmp_path / "a.mp4", [frame] * 3), 0)
         assert abs(float(read.mean()) - light) < 20
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.uint16])
+def test_8_bits_in_a_wider_file_are_read_as_8_bits(tmp_path: Path, kind: type) -> None:
+    plane: AnyArray = (np.arange(64 * 48).reshape(48, 64) % 250).astype(kind)
+    Image.fromarray(plane).save(tmp_path / "a.tif")
+    np.testing.assert_allclose(read_image(tmp_path / "a.tif")[..., 0], plane / 255, atol=1e-6)
+    Image.fromarray(plane * 200).save(tmp_path / "a.tif")
+    np.testing.assert_allclose(read_image(tmp_path / "a.tif")[..., 0], plane / 65535 * 200, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [-1, 1 << 20])
+def test_integers_of_unknown_white_are_refused_with_their_range(tmp_path: Path, scale: int) -> None:
+    Image.fromarray(np.arange(32 * 32, dtype=np.int32).reshape(32, 32) * scale).save(tmp_path / "a.tif")
+    with pytest.raises(ImageError, match=r"its values go from .* so that its white is unknown; save it with"):
+        read_image(tmp_path / "a.tif")

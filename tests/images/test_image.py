@@ -177,7 +177,7 @@ def bitmap(side: int) -> bytes:
         (encoded(Image.fromarray(np.full((20, 20), 1.5, np.float32)), "TIFF"), "got 1.5 to 1.5; save it"),
         (
             encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"),
-            "got int32 (20, 20); save it",
+            "go from 70000 to 70000, so that its white is unknown; save it",
         ),
         ("folder", "is a folder; name a photograph in it"),
         (None, "no such file"),
