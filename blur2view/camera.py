@@ -27,6 +27,7 @@ OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by co
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
+SHORTEST_S = 2.0**-32  # that a fraction of EXIF states; other types of a tag state less, and rates overflow
 EXIF_LOG_FOCAL = 0.1  # standard deviation of EXIF's log focal length (bound): rounded, or of cropped pictures
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
 
@@ -331,7 +332,7 @@ def read_exif(photo: Image.Image) -> ExifValues:
     return ExifValues(
         focal_px=focal_px,
         focal_tags=focal_tags,
-        exposure_s=_positive(tags, "ExposureTime"),
+        exposure_s=_positive(tags, "ExposureTime", SHORTEST_S),
         rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
     )
 
@@ -350,10 +351,10 @@ def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, s
     return (focal_px, names) if possible_focal(focal_px) else (None, "")
 
 
-def _positive(tags: dict[int, Any], name: str) -> float | None:
-    """Return the positive, finite value of a tag; None of any other."""
+def _positive(tags: dict[int, Any], name: str, above: float = 0.0) -> float | None:
+    """Return the finite value of a tag that is above a bound; None of any other."""
     try:
         value = float(tags[ExifTags.Base[name].value])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return None
-    return value if 0 < value < np.inf else None
+    return value if above < value < np.inf else None

@@ -10,7 +10,7 @@ from blur2view import __version__
 from blur2view.arrays import AnyArray, require
 from blur2view.camera import Camera
 from blur2view.geometry.pose import AngularVelocity
-from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
+from blur2view.geometry.rolling_shutter import LONG_S, SHORT_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
 from blur2view.images.pixels import as_photograph, unusable_size
@@ -66,12 +66,11 @@ class Estimate:
 
         Its sign is that of time, which is open unless ``time.known``; a gyroscope shows ``of_gyroscope``.
         With an exposure time of 1 it is the rotation itself, in radians. ValueError if the exposure time is
-        not positive seconds, 2 at most.
+        not above 1e-9 seconds, 2 at most.
         """
-        if not np.issubdtype(type(exposure_s), np.number) or not 0 < exposure_s <= LONG_S:
-            raise ValueError(
-                f"the exposure time must be positive seconds, at most {LONG_S:g}, got {exposure_s!r}"
-            )
+        if not np.issubdtype(type(exposure_s), np.number) or not SHORT_S < exposure_s <= LONG_S:
+            allowed = f"seconds above {SHORT_S:g}, {LONG_S:g} at most"
+            raise ValueError(f"the exposure time must be {allowed}, got {exposure_s!r}")
         return self.geometry.angular_velocity(exposure_s)
 
     def record(self, *, name: str = "", mask: MotionMask | None = None, **stated: Any) -> Record:
@@ -114,12 +113,12 @@ class Estimate:
             values["moving_share"] = mask.shares["moving"]
         return Record(**{key: plain(value) for key, value in (values | stated).items()})
 
-    def to_json(self, name: str | os.PathLike[str] = "", exposure_s: float | None = None) -> str:
+    def to_json(self, name: str | os.PathLike[str] | None = None, exposure_s: float | None = None) -> str:
         """Return the JSON text of the record, with its use and verdict, as the commands write it.
 
         Parameters
         ----------
-        name : str or path
+        name : str or path, optional
             What the photograph is called in it.
         exposure_s : float, optional
             Exposure time, seconds; then rates are in rad/s, otherwise rotations in rad.
@@ -133,7 +132,7 @@ class Estimate:
         Raises
         ------
         ValueError
-            If the exposure time is not positive, or longer than 2 s.
+            If the exposure time is not above 1e-9 s, or longer than 2 s.
 
         Examples
         --------
@@ -145,7 +144,7 @@ class Estimate:
         """
         if exposure_s is not None:
             self.angular_velocity(exposure_s)  # which checks it
-        named = self.record(name=os.fsdecode(name), exposure_s=exposure_s, version=__version__)
+        named = self.record(name=os.fsdecode(name or ""), exposure_s=exposure_s, version=__version__)
         return named.with_use().to_json()
 
 

@@ -1,14 +1,17 @@
 """Cameras of a focal length, a COLMAP string or database, OpenCV or EXIF: rays, and what is refused."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pycolmap
 import pytest
+from PIL import ExifTags
 
 from blur2view.arrays import Array
-from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, to_colmap
+from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, read_exif, to_colmap
 from blur2view.cli.options import CameraStated
 from blur2view.colmap.project import camera_of_database
 from blur2view.errors import CameraError
@@ -129,3 +132,13 @@ def test_camera_of_opencv_has_its_rays(count: int) -> None:
     np.testing.assert_allclose(found.rays(pixels), rays, atol=1e-9)
     np.testing.assert_allclose(found.K, K)
     assert found.known and found.source == "opencv"
+
+
+@pytest.mark.parametrize("stated", [1e-320, 0.0, -0.1, np.inf, np.nan])
+def test_an_impossible_exposure_time_of_exif_is_none(stated: float) -> None:
+    tags = {ExifTags.Base.ExposureTime.value: stated}
+    exif = SimpleNamespace(get_ifd=lambda _: tags, get=lambda _: None)
+    photo: Any = SimpleNamespace(getexif=lambda: exif, size=SIZE, info={})
+    assert read_exif(photo).exposure_s is None
+    tags[ExifTags.Base.ExposureTime.value] = 0.04
+    assert read_exif(photo).exposure_s == 0.04

@@ -22,7 +22,7 @@ from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from blur2view.cli.terminal import EXIT_CODES, printable
 from blur2view.errors import CameraError
-from blur2view.geometry.rolling_shutter import LONG_S
+from blur2view.geometry.rolling_shutter import LONG_S, SHORT_S
 
 SHORT = re.compile(r"; |\. |, see below| \(default")  # where the first words of an explanation end
 DEFAULT = re.compile(r"\((default: (?:%\(default\)|[^,;)])+)")
@@ -92,7 +92,9 @@ SECONDS = "seconds as 0.04 or 1/25, more than 2 with their unit as 3s or 40ms"
 share = quantity("a share above 0 and at most 1", lambda value, _: 0 < value <= 1)
 probability = quantity("a probability above 0 and below 1", lambda value, _: 0 < value < 1)
 seconds = quantity(SECONDS, lambda value, unit: unit or value <= LONG_S, ms=1000, s=1)
-exposure_s = quantity(SECONDS, lambda value, unit: value > 1e-9 and (unit or value <= LONG_S), ms=1000, s=1)
+exposure_s = quantity(
+    SECONDS, lambda value, unit: value > SHORT_S and (unit or value <= LONG_S), ms=1000, s=1
+)
 focal_px = quantity(
     "a positive number of pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres)",
     lambda value, unit: unit or value >= MIN_FOCAL_PX,

@@ -178,13 +178,13 @@ class OnnxNetwork:
 
 
 def once(function: Callable[..., T]) -> Callable[..., T]:
-    """Call a function once for the same arguments, also where several threads ask for its result."""
+    """Call a function once for arguments that are written alike, also where several threads ask."""
     lock, known = Lock(), cache(function)
 
     @wraps(function)
-    def result(*words: Any) -> T:
+    def result(*words: Any, **named: Any) -> T:
         with lock:
-            return known(*words)
+            return known(*words, **named)
 
     return result
 

@@ -137,3 +137,4 @@ def test_two_threads_that_ask_at_once_share_one_result() -> None:
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(ask, [1, 1])
     assert first is second and asked == [1]
+    assert made(number=2) is made(number=2)
