@@ -17,7 +17,7 @@ from blur2view.images.pixels import as_photograph, unusable_size
 from blur2view.movers.mask import MotionMask, motion_mask
 from blur2view.movers.moving import BLOCK_PX, THRESHOLD, Moving, moving_in, reduced
 from blur2view.networks.model_file import Execution, one_thread
-from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader, is_large
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader, is_named_by_looks
 from blur2view.networks.spectra import STEP
 from blur2view.records.record import Record, plain
 from blur2view.smears.blur import Blur, nothing_seen
@@ -244,7 +244,7 @@ def estimate(
     detail = Detail(detail)
     evidence, moving = _seen(image, network, detail, closer)
     grid, blur = evidence.grid, evidence.blur
-    looked = is_large(image.shape) or (detail is Detail.RANKING and not evidence.closest)
+    looked = is_named_by_looks(image.shape) or (detail is Detail.RANKING and not evidence.closest)
     if looked and (detail is Detail.GEOMETRY or (geometry and blur.kind.of_camera)):
         grid = network.predict(image)  # F fits some 48 smears of any kind
     elif looked:
@@ -345,7 +345,7 @@ def _seen(
     the name, a closer look follows, and a look for movers there. Large photographs are looked at in the same
     way for every ``detail``, so that they have one name.
     """
-    closest = Detail.CLOSER if is_large(image.shape) else Detail.GEOMETRY
+    closest = Detail.CLOSER if is_named_by_looks(image.shape) else Detail.GEOMETRY
     first = detail if closest is Detail.GEOMETRY else Detail.RANKING
     grid = network.predict(image, detail=first)
     evidence = Evidence(grid=grid, closest=first is closest, nothing_seen=nothing_seen(image, grid))

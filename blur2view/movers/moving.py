@@ -20,7 +20,7 @@ from blur2view.arrays import AnyArray, Array, Floats, Mask
 from blur2view.images.pixels import as_rgb, brightened, brightness_gain
 from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.octaves import LENGTHS
-from blur2view.networks.smear_network import LARGE_PX, SmearNetwork
+from blur2view.networks.smear_network import READ_WHOLE_PX, SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.camera_motion import Movers, has_moved, moved_probability
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
@@ -140,7 +140,7 @@ def moving_in(
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
         As `blur2view.images.pixels.as_photograph` returns it; reduced until a cell has 32 pixels or, if
-        smears are read anew, while it has more than `LARGE_PX`.
+        smears are read anew, while it has more than `READ_WHOLE_PX`.
     grid : SmearGrid
         Its smears; they are read anew unless a `SmearNetwork` read them.
     rng : numpy.random.Generator
@@ -186,7 +186,7 @@ def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[A
         scale = grid.stride / STEP
         return reduced(image, scale), reduced_grid(grid), scale
     factor = 1
-    while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
+    while image.shape[0] * image.shape[1] > READ_WHOLE_PX * factor**2 or grid.stride > STEP * factor:
         factor *= 2
     image = reduced(image, factor)
     grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)

@@ -33,7 +33,7 @@ from blur2view.smears.noise import WINDOW_PX
 CELLS = 48
 """Windows of an octave of the first look, about. Of 104 photographs (every second of DAVIS, RedKitchen, Kodak
 and real ones) 16 ask for more, and none has another name than `estimate` gives, which names those of more
-than `WHOLE_PX` by the same look; with 96 windows 25 ask for more, which takes 1.6 times as long
+than `NAMED_WHOLE_PX` by the same look; with 96 windows 25 ask for more, which takes 1.6 times as long
 (``tools.evaluation.looks FOLDERS --cells 48 96 --every 2``)."""
 CLOSER_CELLS = 96
 """Windows of an octave of a closer look, from which movers are looked for in a copy of as many cells. Of 178

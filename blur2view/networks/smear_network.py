@@ -46,7 +46,8 @@ from blur2view.smears.likelihood import DIRECTIONS, marginals, read_smears
 from blur2view.smears.noise import WINDOW_PX
 
 MIN_SIDE_PX = 64  # of the smallest octave, mirrored up to it: two cells, more than its mirrored border
-LARGE_PX = 2_500_000  # bound, pixels: all windows of smaller photographs are read, and all memory is kept
+# Pixels up to which all windows are read for geometry and masks, and their memory is kept: bound.
+READ_WHOLE_PX = 2_500_000
 ROWS = 4  # of cells, decoded at a time: a core's cache holds their likelihoods
 VALUES = CELL_VALUES + DIRECTIONS + LENGTHS  # of a cell
 STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as floats
@@ -60,15 +61,15 @@ class Detail(StrEnum):
     CLOSER = "closer"  # the kind of blur, where the one before leaves it open: `look.CLOSER_CELLS`
 
 
-WHOLE_PX = 650_000
+NAMED_WHOLE_PX = 650_000
 """Pixels up to which all windows are read to name what blurred a photograph: of 576 of 640x480 and the like
 all windows name 468 rightly and looks 459, of 138 of 1280x1024 all windows 115 and looks 128. Between these
 sizes one photograph of 960x640 decided, whose camera stood still and which looks name otherwise."""
 
 
-def is_large(shape: tuple[int, ...]) -> bool:
+def is_named_by_looks(shape: tuple[int, ...]) -> bool:
     """Return whether what blurred a photograph is named by some of its windows, whatever it is read for."""
-    return shape[0] * shape[1] > WHOLE_PX
+    return shape[0] * shape[1] > NAMED_WHOLE_PX
 
 
 MIN_CELLS = 700
@@ -187,7 +188,7 @@ def read_octaves(
     for k, picture in pictures:
         windows = sliding_windows(picture, max(STEP, apart >> k))
         spectra.insert(0, power_spectra(windows, threads))
-        shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
+        shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > READ_WHOLE_PX
         del picture, windows  # a large photograph's
         read = read_octave(network, features, shown, spectra[0], read, frugal)
         if apart >> k == STEP:
@@ -219,7 +220,7 @@ def _shares(smears: Floats, threads: int) -> Floats:
 def _spread(shape: tuple[int, ...]) -> int:
     """Return log2 of the distance of windows over 32 px; 0 if every window is read."""
     pixels = shape[0] * shape[1]
-    return int(np.log2(max(pixels / STEP**2 / MIN_CELLS, 1))) // 2 if pixels > LARGE_PX else 0
+    return int(np.log2(max(pixels / STEP**2 / MIN_CELLS, 1))) // 2 if pixels > READ_WHOLE_PX else 0
 
 
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
