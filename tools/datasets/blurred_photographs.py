@@ -59,11 +59,11 @@ class Picture:
 
 
 @functools.lru_cache(maxsize=32)
-def radiance_of(path: Path) -> AnyArray:
+def radiance_of(path: Path, side_px: int = SIDE_PX) -> AnyArray:
     """Return a photograph, reduced, as linear light (H, W, 3), float32 in [0, 1]; do not write into it."""
     levels = (np.arange(256, dtype=np.float32) / 255) ** np.float32(GAMMA)
     light = cv2.LUT(read_photograph(path), levels)
-    if (scale := SIDE_PX / max(light.shape[:2])) < 1:
+    if (scale := side_px / max(light.shape[:2])) < 1:
         light = cv2.resize(light, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     height, width = (side // MULTIPLE_PX * MULTIPLE_PX for side in light.shape[:2])
     y, x = (light.shape[0] - height) // 2, (light.shape[1] - width) // 2
@@ -143,7 +143,8 @@ def with_movers(
     moving = np.zeros(light.shape[:2], np.float32)
     for _ in range(movers):
         cover = outline(rng, light.shape)
-        other = texture(rng, radiance_of(others[int(rng.integers(len(others)))]), cover)
+        other = radiance_of(others[int(rng.integers(len(others)))], max(light.shape[:2]))
+        other = texture(rng, other, cover)
         weights = kernel(rng.uniform(*MOVER_PX), float(rng.uniform(0, np.pi)))
         alpha = blurred(cover, weights)
         alpha = np.where(alpha > FAINT, np.minimum(alpha, 1), 0)
