@@ -4,10 +4,11 @@
 """
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from blur2view.camera import Camera, ExifValues
 from blur2view.cli.parser import (
@@ -266,6 +267,7 @@ class Command:
         "1": "at least one photograph failed; each has a line on stderr, and all others are done",
         "130": "interrupted by Ctrl-C; the files of photographs that are done are kept",
     }
+    columns: ClassVar[Sequence[str] | None] = None  # of --csv: all
     as_stored = False  # whether photographs are taken as they are stored, not upright
 
     def __post_init__(self) -> None:

@@ -228,7 +228,7 @@ class Run:
         table = self.options.table.csv
         if table not in (None, STANDARD_OUTPUT) and self.records:
             try:
-                write_file(table, table_text(self.records), noted=True)
+                write_file(table, table_text(self.records, self.options.columns), noted=True)
                 self.table = table
             except OutputError as error:
                 complain(error)

@@ -37,7 +37,8 @@ def print_document(run: Run, name: str) -> None:
 def print_table(run: Run) -> None:
     """Print the table of ``--csv -``; nothing if it is a file, or there is none."""
     if run.options.table.csv == STANDARD_OUTPUT and run.records:
-        print(table_text(run.records).decode("utf-8", "surrogateescape"), end="")
+        table = table_text(run.records, run.options.columns)
+        print(table.decode("utf-8", "surrogateescape"), end="")
 
 
 def print_total(run: Run) -> None:

@@ -23,7 +23,7 @@ from blur2view.errors import ImageError, OutputError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_times
-from blur2view.records.record import explanations
+from blur2view.records.record import LOOK, explanations
 from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.results.triage import record_of_look
 from blur2view.smears.blur import OVEREXPOSED, TOO_DARK
@@ -98,7 +98,15 @@ class TriageOptions(Command):
         "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
         "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
     )
-    tables = {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
+    columns = LOOK
+    tables = {
+        "uses": USES,
+        "columns of --csv": {name: text for name, text in explanations(flat=True).items() if name in LOOK},
+        "columns of --csv that other commands add": {
+            name: text for name, text in explanations(flat=True).items() if name not in LOOK
+        },
+        "what is written": LIST,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

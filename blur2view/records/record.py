@@ -23,8 +23,15 @@ from blur2view.two_view.constants import TRANSLATION_RULE
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
 """Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
-FIRST = "name", "error", "use", "verdict", "blur"
+FIRST = "name", "error", "use", "verdict", "blur", "blur_px", "smear_px", "defocus_px"
 """Columns of a table that come first."""
+LOOK = (
+    *FIRST,
+    *("smear_percent", "smear_sigma_px", "direction_deg", "defocus_sigma_px", "camera_moved", "moving_share"),
+    *("nothing_seen", "width", "height", "frame", "timestamp_s", "exposure_s"),
+    *("beta", "max_error_px", "seed", "version", "input_sha256", "options_sha256"),
+)
+"""Columns of the table of triage, which looks too briefly to fill others."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
 TYPES = {
@@ -309,16 +316,17 @@ def entries() -> Iterator[tuple[str, str, str]]:
 
 
 def explanations(*, flat: bool = False) -> dict[str, str]:
-    """Return the explanations of the keys of JSON or, if ``flat``, of the columns of a table."""
-    return {name: text for name, kind, text in entries() if not flat or kind.split()[0] in FLAT}
+    """Return the explanations of the keys of JSON or, if ``flat``, of the columns of a table, in order."""
+    texts = {name: text for name, kind, text in entries() if not flat or kind.split()[0] in FLAT}
+    return {name: texts[name] for name in dict.fromkeys([*FIRST, *texts])} if flat else texts
 
 
-def table_text(rows: Iterable[Record]) -> bytes:
-    """Return the records' flat part as CSV (RFC 4180, but lines end in LF) with a header.
+def table_text(rows: Iterable[Record], columns: Iterable[str] | None = None) -> bytes:
+    """Return the records' flat part, or some columns of it, as CSV (RFC 4180, but lines end in LF).
 
-    Bytes of names that are not UTF-8 stay as they are.
+    A header comes first. Bytes of names that are not UTF-8 stay as they are.
     """
-    columns = list(dict.fromkeys([*FIRST, *explanations(flat=True)]))
+    columns = list(explanations(flat=True) if columns is None else columns)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

@@ -10,7 +10,7 @@ import pytest
 from blur2view.images.inputs import Inputs, Source
 from blur2view.images.video import EndOfVideo, read_frame
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.records.record import Record
+from blur2view.records.record import LOOK, Record, explanations
 from blur2view.results.triage import _records, triage
 from tests.support.calls import Call, table
 from tests.support.colour_code import forward_motion
@@ -28,6 +28,8 @@ def test_the_function_says_what_the_command_does(
     said = [[str(getattr(record, key) or "") for key in columns] for record in found]
     assert said == [[row[key] for key in columns] for row in table(tmp_path / "t.csv")]
     assert [bool(record.error) for record in found] == [False, False, True]
+    unfilled = set(explanations(flat=True)) - set(LOOK)
+    assert {key for key in unfilled for record in found if getattr(record, key)} == set()
 
 
 @pytest.mark.parametrize(("whole", "errors"), [(True, ["", ""]), (False, ["", "", "ends after 2"])])
@@ -56,12 +58,11 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert list(rows) == ["chaos.png", "left/moving.png", "still.png"]  # as COLMAP names them below frames
     assert [one["use"] for one in rows.values()] == ["blurred", "blurred", "sharp"]
     assert keep.read_text() == "still.png\n"
-    assert rows["still.png"]["config"] == ""
     assert rows["still.png"]["blur"] == "sharp" and rows["still.png"]["verdict"].startswith("Sharp")
     moving = rows["left/moving.png"]
     length = np.median(np.linalg.norm(forward_motion(), axis=-1))
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.15)
-    assert moving["config"] == moving["parallax"] == moving["wx"] == ""  # it was looked at less closely
+    assert tuple(moving) == LOOK and "config" not in moving  # it was looked at less closely
     assert done == 0 and ": 1 sharp, 2 blurred (" in done.out
     assert f"left/moving.png: {moving['verdict']}\n" in done.out
     last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
@@ -100,7 +101,7 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
     done = call("triage", frames, "--csv", sheet, "--keep", keep)
     (broken,) = (one for one in table(sheet) if one["name"] == "broken.png")
-    assert "broken.png" in broken["error"] and broken["use"] == broken["config"] == ""
+    assert "broken.png" in broken["error"] and broken["use"] == broken["blur"] == ""
     assert "broken.png" not in keep.read_text()
     assert done == 1 and "broken.png" in done.line
     last = done.out.splitlines()[-1]

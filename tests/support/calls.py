@@ -49,7 +49,7 @@ def call_program(capsys: pytest.CaptureFixture[str], *words: object) -> Exit:
     return done
 
 
-READ = {"name", "use", "blur", "config", "verdict", "error"}  # columns that scripts read
+READ = {"name", "use", "blur", "verdict", "error"}  # columns that scripts read
 
 
 def table(path: Path) -> list[dict[str, str]]:
