@@ -516,6 +516,10 @@ def test_what_shows_points_of_the_model_as_the_rest_does_stands_still(
     points = StaticPoints(tmp_path, [name] * recovered)
     assert np.array_equal(points.without_static(name, moving), moving & (not shown))
     assert not points.without_static(name, np.zeros_like(moving)).any()
+    wider = moving.copy()
+    wider[40:120, 20:200] = True
+    left = points.without_static(name, wider)
+    assert (left ^ (moving & (not shown))).mean() < (0.12 if recovered else 0.05)
 
 
 @pytest.mark.parametrize(("first", "count", "masked_frames"), [(2, 1, 0), (3, 1, 0), (2, 2, 7), (3, 2, 7)])
