@@ -64,6 +64,7 @@ class BlurredPose(NamedTuple):
     pose: Array  # (3, 4) cam_from_world at mid exposure
     information: Array  # (6, 6) of a rotation and translation of points, if all matches were independent
     motion: Array  # (9,)
+    motion_covariance: Array  # (9, 9)
     smear_motion: Array  # (6,) the rigid motion by the smears alone
     numbers: NDArray[np.int_]  # (M,) indices of the points that were found, each once
     pixels: Array  # (M, 2) where they were found
@@ -85,7 +86,7 @@ def find_pose(
         return None
     flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
     smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
-    motion = np.append(smear_motion, np.zeros(3))
+    motion, motion_covariance = np.append(smear_motion, np.zeros(3)), np.full((9, 9), np.inf)
     least = min(1.0, LEAST_SIDE / max(view.camera.width, view.camera.height))
     for step in ROUNDS:
         here, *there = (one.scaled(max(step.scale, least)) for one in (replace(view, pose=pose), *neighbours))
@@ -95,13 +96,14 @@ def find_pose(
         numbers, pixels, covariance, equations = matches
         pose, information = fit_pose(here.camera, pose, world[numbers], pixels, covariance)
         if step.levels:
-            motion = _corrected(motion, equations, expected)
+            motion, motion_covariance = _corrected(motion, equations, expected)
     numbers, pixels = _means(numbers, pixels, covariance)
     residual = np.linalg.norm(pixels - replace(view, pose=pose).project(world[numbers]), axis=1)
     return BlurredPose(
         pose=pose,
         information=information,
         motion=motion,
+        motion_covariance=motion_covariance,
         smear_motion=smear_motion,
         numbers=numbers,
         pixels=pixels,
@@ -272,13 +274,17 @@ def searched_pose(view: View, neighbour: View, world: Array) -> Array | None:
     return changed(view.pose, np.append(turn, np.zeros(3)))
 
 
-def _corrected(motion: Array, equations: Array, expected: Array) -> Array:
-    """Return a motion (9,) after its correction by `blur_equations`, which is small, as is the bend."""
+def _corrected(motion: Array, equations: Array, expected: Array) -> tuple[Array, Array]:
+    """Return a motion (9,) after its correction by `blur_equations`, and its covariance (9, 9).
+
+    The correction is small, as is the bend.
+    """
     turned = KERNEL_SIGMA * np.linalg.norm(motion[:3]) + TINY
     moved = KERNEL_SIGMA * np.linalg.norm(expected[3:]) + TINY
     sigma = np.repeat([turned, moved, turned], 3)
     right = equations[:, 9] - sigma**-2.0 * np.append(np.zeros(6), motion[6:])
-    return np.asarray(motion + np.linalg.solve(equations[:, :9] + np.diag(sigma**-2.0), right))
+    normal = equations[:, :9] + np.diag(sigma**-2.0)
+    return np.asarray(motion + np.linalg.solve(normal, right)), np.asarray(np.linalg.inv(normal), float)
 
 
 def _means(numbers: NDArray[np.int_], pixels: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:

@@ -5,10 +5,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from blur2view.camera import normalised_points
-from blur2view.colmap.blurred_pose import pose_at
 from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.warped_view import projected
-from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, relative_motion, turning
+from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, turning
 
 
 def turnings(sequence: FrameSequence, names: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -21,14 +20,13 @@ def turnings(sequence: FrameSequence, names: Sequence[str]) -> dict[str, tuple[f
     found = dict[str, tuple[float, float]]()
     for name, time in zip(names, times.tolist(), strict=True):
         first, last = path.ends(time, 1.0)
-        if not np.isfinite([first, last]).all():
+        if name in sequence.recovered:  # whose motion is corrected by its neighbours' pictures
+            angle, sigma = sequence.recovered[name].turning()
+        elif np.isfinite([first, last]).all():
+            points = sorted(sequence.observed_points(name))
+            angle, sigma = turning(_exposed(sequence, name, points, time), last - first)
+        else:
             continue
-        recovered = sequence.recovered.get(name)
-        ids = sorted(sequence.observed_points(name)) if recovered is None else recovered.points.tolist()
-        angle, sigma = turning(_exposed(sequence, name, ids, time), last - first)
-        if recovered is not None:  # whose motion is corrected by its neighbours' pictures
-            ends = [pose_at(t, recovered.pose, recovered.motion) for t in (-0.5, 0.5)]
-            angle = float(np.linalg.norm(relative_motion(*ends)[:3]))
         if np.isfinite(sigma):
             found[name] = float(np.degrees(angle)), float(np.degrees(sigma))
     return found

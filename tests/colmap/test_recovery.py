@@ -104,6 +104,14 @@ def test_views_are_both_ends_of_the_exposure_in_order(recovery: Recovery, k: int
 
 
 @pytest.mark.parametrize("k", MISSING)
+def test_turning_is_known_as_well_as_its_deviation_says(recovery: Recovery, k: int) -> None:
+    ends = [PLANE.pose(k + side * PLANE.share / 2) for side in (-1, 1)]
+    true = float(np.linalg.norm(relative_motion(*ends)[:3]))
+    angle, sigma = recovery.recovered[PLANE.names[k]].turning()
+    assert abs(angle - true) < 3 * sigma and 0 < sigma < 0.05 * true
+
+
+@pytest.mark.parametrize("k", MISSING)
 def test_a_point_seen_by_neighbours_is_where_the_surest_of_them_put_it(recovery: Recovery, k: int) -> None:
     found, points = recovery.recovered[PLANE.names[k]], recovery.model.points3D
     world = np.array([points[int(number)].xyz for number in found.points])
@@ -157,7 +165,15 @@ def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
     change, none = np.array([0.01, 0, 0, 0, 0.2, 0]), np.zeros((0, 2))
     information = np.diag(sigma**-2.0) / INDEPENDENT_SHARE
     found = BlurredPose(
-        changed(start, change), information, np.zeros(9), np.zeros(6), np.zeros(0, int), none, 0.0, 0
+        pose=changed(start, change),
+        information=information,
+        motion=np.zeros(9),
+        motion_covariance=np.eye(9),
+        smear_motion=np.zeros(6),
+        numbers=np.zeros(0, int),
+        pixels=none,
+        residual_px=0.0,
+        tried=0,
     )
     pose, covariance = weighted_mean(found, expected)
     np.testing.assert_allclose(relative_motion(start, pose), change / 2, atol=1e-3)
