@@ -96,7 +96,7 @@ def rows(found: Sequence[Sequence[Look]], cells: Sequence[int]) -> Iterator[tupl
         )
 
 
-def named(image: AnyArray, closer: int | None) -> tuple[Blur, bool, float]:
+def named(image: AnyArray, closer: int | None) -> tuple[Blur, tuple[bool, float]]:
     """Return the blur by closer looks of so many windows, or by all, whether networks saw it, seconds."""
     vars(smear_network)["NAMED_WHOLE_PX"] = inf if closer is None else 0
     vars(smear_network)["CLOSER_CELLS"] = closer
@@ -104,19 +104,17 @@ def named(image: AnyArray, closer: int | None) -> tuple[Blur, bool, float]:
     found = blur2view.estimate(
         image, network=network(), detail=Detail.GEOMETRY if closer is None else Detail.RANKING, geometry=False
     )
-    return found.blur, found.moving is not None, time.process_time() - start
+    return found.blur, (found.moving is not None, time.process_time() - start)
 
 
 def names_of(k: int, paths: Sequence[Path], side: int, ways: Sequence[int | None]) -> list[list[Named]]:
     """Return what each way says of the k-th photograph, blurred in every way that has a name."""
     rng, others = np.random.default_rng(k), [path for path in paths if path != paths[k]] or paths
-    return [
-        [
-            Named(found.kind == picture.kind, *rest)
-            for found, *rest in (named(picture.image, way) for way in ways)
-        ]
-        for picture in pictures_of(rng, radiance_of(paths[k], side), others, composites=4)
-    ]
+    rows = list[list[Named]]()
+    for picture in pictures_of(rng, radiance_of(paths[k], side), others, composites=4):
+        found = [named(picture.image, way) for way in ways]
+        rows.append([Named(blur.kind == picture.kind, *cost) for blur, cost in found])
+    return rows
 
 
 def named_rows(
