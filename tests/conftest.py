@@ -3,7 +3,9 @@
 Without torch (``pip install '.[test]'``) the tests that need it are not collected, which the header says.
 """
 
+import gc
 import os
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +31,15 @@ collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
 def pytest_report_header() -> list[str]:
     """Return a line that says which tests are left out, if any."""
     return [f"no torch: without {', '.join(collect_ignore_glob)}"] if collect_ignore_glob else []
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect without collecting garbage: what modules hold stays, and no later round goes through it."""
+    gc.disable()
+    yield
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -60,9 +60,15 @@ def room_of(path: Path) -> str:
 
 
 @cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Return what a file is made of."""
+    return list(ast.walk(ast.parse((ROOT / path).read_text())))
+
+
+@cache
 def imported(path: Path, *, for_types: bool = True) -> frozenset[str]:
     """Return the dotted name of every import in a file, also of those inside functions."""
-    found, every = set[str](), list(ast.walk(ast.parse((ROOT / path).read_text())))
+    found, every = set[str](), nodes(path)
     checks = [one for one in every if isinstance(one, ast.If) and ast.unparse(one.test) == "TYPE_CHECKING"]
     left_out = {node for one in checks for node in one.body if not for_types}
     for node in every:

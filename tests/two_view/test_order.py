@@ -21,7 +21,8 @@ def right_share(second_end_is_open: np.ndarray, scene: Scene) -> float:
 
 @pytest.mark.parametrize("name", ["sample", "desk", "sample_mover"])
 def test_files_and_views_have_one_order(name: str) -> None:
-    result = estimate(read_image(MODELS / f"{name}.jpg"))
+    image = read_image(MODELS / f"{name}.jpg")
+    result = estimate(image[::2, ::2] if name == "desk" else image)  # of 960x720 pixels, smears of 75 px
     matches, geometry = result.matches, result.geometry
     views = views_of(name, result)
     first, last = open_and_close(matches.ends, geometry.second_end_is_open)

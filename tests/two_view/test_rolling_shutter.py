@@ -88,7 +88,7 @@ def error(vector: Array, true: Array) -> float:
 @pytest.mark.parametrize(
     ("axis", "towards"),
     [
-        (ABOUT_X, (0, 1)), (-ABOUT_X, (0, -1)), (ABOUT_Y, (1, 0)), (ABOUT_Y, (-1, 0)), (ABOUT_Y, (0, 1)),
+        (ABOUT_X, (0, 1)), (ABOUT_Y, (1, 0)), (-ABOUT_Y, (-1, 0)), (ABOUT_Y, (0, 1)),
         ((ABOUT_X + ABOUT_Y) / 2, (0, 1)),
     ],
     ids=str,
@@ -147,7 +147,7 @@ def test_proven_parallax_keeps_its_rotation_and_translation(
             if pose is not None
         )
 
-    for seed in range(3):
+    for seed in range(5):
         turned, towards = missed(solve(ends, shutter, seed))
         assert turned < within and towards < 2
     assert missed(solve(ends, None))[0] > 0.05
