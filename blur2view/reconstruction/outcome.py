@@ -25,8 +25,10 @@ class Reconstruction:
     smear_px: Mapping[str, float | None]  # of frames that were delivered; None where it is unknown
 
     def median_smear_px(self, names: Sequence[str]) -> float | None:
-        """Return the median smear of frames; None if none is known."""
-        known = [smear for name in names if (smear := self.smear_px.get(name)) is not None]
+        """Return the median smear of frames, all of which were delivered; else None, or if none is known."""
+        if not self.smear_px.keys() >= set(names):
+            return None
+        known = [smear for name in names if (smear := self.smear_px[name]) is not None]
         return median(known) if known else None
 
 

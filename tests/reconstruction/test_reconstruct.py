@@ -580,6 +580,12 @@ def test_the_table_says_whether_anything_moves(
     assert [one for one in lines if "by itself" in one] == [line] * (line is not None)
 
 
+def test_the_table_has_no_smear_of_frames_that_were_not_read(whole: Reconstruction) -> None:
+    for more, stated in (((), True), (("f_9.png",), False)):
+        lines = outcome_table(replace(whole, looked_at=(*whole.looked_at, *more)))
+        assert ("median smear" in next(lines)) == stated
+
+
 def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
     whole: Reconstruction, video: Path, tmp_path: Path, colmap: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
