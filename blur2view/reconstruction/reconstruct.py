@@ -23,7 +23,15 @@ from blur2view.files import locked, quick_digest, unwritable, writable_folder, w
 from blur2view.images.inputs import Source
 from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
-from blur2view.reconstruction.frames import Frame, chosen, colmap_content, list_frames, looked_at, stored_size
+from blur2view.reconstruction.frames import (
+    Frame,
+    chosen,
+    colmap_content,
+    list_frames,
+    looked_at,
+    sharp_enough,
+    stored_size,
+)
 from blur2view.reconstruction.mapping import map_frames
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
@@ -47,8 +55,6 @@ from blur2view.reconstruction.trainer import write_transforms
 from blur2view.results.blur_timeline import Seen
 
 SMEARS = "smears"  # below `WORK`
-MAX_MAPPED_PX = 12.0  # of a smear: COLMAP registers longer ones worse than `recover_frames` does
-MIN_SHARP = 0.4  # share of the chosen frames that is sharper; else all are mapped
 
 
 def reconstruct(
@@ -172,8 +178,7 @@ class _Making:
         )
         seen = scene.step("look", [], reading)
         smears: dict[str, float | None] = {name: values[1] for name, values in seen.items()}
-        sharp = [name for name in best if (smears[name] or 0.0) <= MAX_MAPPED_PX]
-        mapped = sharp if len(sharp) >= max(MIN_FRAMES, MIN_SHARP * len(best)) else best
+        mapped = sharp_enough(best, smears)
         way = sum(frame.moved for frame in frames)
         mapping = partial(map_frames, self.folder, mapped, options, way, self.step)
         counts = scene.step("map", [f"{WORK}/model/images.bin", DATABASE], mapping)

@@ -35,7 +35,14 @@ from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.reconstruction import colmap_process, mapping, masks
 from blur2view.reconstruction.colmap_process import in_process
-from blur2view.reconstruction.frames import Frame, chosen, colmap_content, list_frames, plain_names
+from blur2view.reconstruction.frames import (
+    Frame,
+    chosen,
+    colmap_content,
+    list_frames,
+    plain_names,
+    sharp_enough,
+)
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.outcome import Reconstruction
@@ -82,6 +89,19 @@ def test_of_few_frames_all_are_chosen_however_they_are_spread() -> None:
 
 def test_of_a_camera_that_stands_still_a_few_are_chosen() -> None:
     assert len(chosen(frames_of([1.0] * 100, moved=0.0), 300)) == 12
+
+
+@pytest.mark.parametrize(
+    ("smears", "mapped"),
+    [
+        ([1, 5, 8, 9, 12, 20], "abc"),
+        ([1, 5, 9, 10, 12, 20], "abcde"),
+        ([1, 13, 13, 20, 20, 20], "abcdef"),
+        ([None, 5, 8, 9], "abc"),
+    ],
+)
+def test_colmap_gets_the_sharpest_of_the_chosen_frames(smears: list[float | None], mapped: str) -> None:
+    assert sharp_enough("abcdef"[: len(smears)], dict(zip("abcdef", smears, strict=False))) == [*mapped]
 
 
 def test_a_step_is_done_again_with_all_after_it_if_its_files_are_gone(tmp_path: Path) -> None:
