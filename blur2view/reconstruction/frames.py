@@ -23,8 +23,8 @@ STRETCH = 0.04  # of the picture's longer side that it moves in a stretch
 FEWEST = 12  # stretches, where there are so many frames
 FEW = 60  # frames of a camera that moves, up to which all are chosen
 # Of a smear: COLMAP registers longer ones worse than `recover_frames` does. With 8 px instead of 12 scenes of
-# three rendered videos (`tools.evaluation.reconstructed`) are off by 0.046, 0.021 and 0.016 degrees instead of
-# 0.063, 0.023 and 0.016, and by 0.06, 0.03 and 0.03 steps instead of 0.09, 0.02 and 0.03.
+# three rendered videos (`tools.evaluation.reconstructed`) are off by 0.046, 0.021 and 0.016 degrees (before:
+# 0.063, 0.023 and 0.016), and by 0.06, 0.03 and 0.03 steps (before: 0.09, 0.02 and 0.03).
 MAX_MAPPED_PX = 8.0, 12.0
 MIN_SHARP = 0.4  # share of the chosen frames that must be sharper for one of these to hold
 
