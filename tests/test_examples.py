@@ -2,6 +2,7 @@
 
 import doctest
 import inspect
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,7 @@ from tests.support.blurred_plane import BlurredPlane
 
 FUNCTIONS = {name: getattr(blur2view, name) for name in blur2view.__all__}
 FUNCTIONS = {name: value for name, value in FUNCTIONS.items() if inspect.isfunction(value)}
+SECTIONS = ["Parameters", "Returns", "Raises", "References", "Examples"]  # in numpydoc's order
 NOT_RUN = {"estimate_frames", "place_views", "reconstruct"}  # theirs are text: of a recording, of minutes
 
 
@@ -26,12 +28,15 @@ def examples() -> Iterator[doctest.DocTest]:
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_public_functions_have_the_sections_of_numpydoc(name: str) -> None:
+def test_public_functions_have_the_sections_of_numpydoc_and_a_type_of_each_parameter(name: str) -> None:
     lines = inspect.getdoc(FUNCTIONS[name]) or ""
     takes = [*inspect.signature(FUNCTIONS[name]).parameters]
-    for section in (*["Parameters"] * bool(takes), "Returns", "Examples"):
-        assert f"\n{section}\n{'-' * len(section)}\n" in lines
-    assert all(parameter in lines for parameter in takes)
+    title, *parts = re.split(r"\n\n(\w+)\n-+\n", lines)
+    sections = dict(zip(parts[::2], parts[1::2], strict=True))
+    assert title and {*["Parameters"] * bool(takes), "Returns", "Examples"} <= sections.keys() <= {*SECTIONS}
+    assert [*sections] == sorted(sections, key=SECTIONS.index)
+    described = re.findall(r"^(\w.*) : .+$", sections.get("Parameters", ""), re.MULTILINE)
+    assert ", ".join(described).split(", ") == (takes or [""])
 
 
 def test_examples_print_what_they_say(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,11 +43,11 @@ def write_stretched(
 
     Parameters
     ----------
-    frames
+    frames : path
         Folder of photographs.
-    folder
+    folder : path
         Where the copies go; what is there is not replaced.
-    names
+    names : sequence of str, optional
         Paths in ``frames``; by default all photographs in it and below it.
 
     Returns
@@ -55,16 +55,16 @@ def write_stretched(
     tuple of str
         The names of the photographs that were stretched: those whose greys use less than half of the range.
 
-    References
-    ----------
-    Zuiderveld, Contrast limited adaptive histogram equalization, Graphics Gems IV, 1994.
-
     Raises
     ------
     ImageError
         If a photograph cannot be read, or is dull and RAW, which cannot be written.
     OutputError
         If a file exists, or cannot be written.
+
+    References
+    ----------
+    Zuiderveld, Contrast limited adaptive histogram equalization, Graphics Gems IV, 1994.
 
     Examples
     --------

@@ -61,14 +61,14 @@ def place_views(
 
     Parameters
     ----------
-    database
+    database : path
         The project with the views.
-    model
+    model : path
         Folder of COLMAP's model of the frames.
-    names
+    names : sequence of str, optional
         The frames of one video in order, as COLMAP calls them; by default those of the model. The numbers in
         names that differ in nothing else are times (`frame_times`).
-    fraction
+    fraction : float, optional
         Exposure time over frame interval, the median step of these times; by default measured from the
         smears.
 

@@ -61,36 +61,36 @@ def recover_frames(
 
     Parameters
     ----------
-    model
+    model : path
         Folder of COLMAP's model, with two frames or more.
-    frames
+    frames : path
         Folder of the frames, all of one video.
-    names
+    names : sequence of str, optional
         All frames in order, as COLMAP calls them: their paths in ``frames``; by default all photographs in
         that folder and below it. The numbers in names that differ in nothing else are times (`frame_times`).
-    database
+    database : path, optional
         COLMAP's project, from which recovered frames have their ids.
-    keep_keypoints
+    keep_keypoints : bool
         Whether recovered frames keep the keypoints that they have in the database, so that COLMAP's mappers
         go on with both. They observe fewer points: those that were found where a keypoint is.
-    max_smear_px
+    max_smear_px : float, optional
         Frames of the model with longer smears, in pixels, and those that see little and are far off the path
         of the others, get a new pose from the others; those for which none is found keep theirs. By default
         all do.
-    views
+    views : bool, optional
         Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
         NAME#close, for which there are no files; by default if the model has such images.
-    refine
+    refine : bool
         Whether recovered poses and the model's points are adjusted together.
-    network
+    network : SmearReader, optional
         Reads smears; by default a new `SmearNetwork`.
-    jobs
+    jobs : int
         Processes that work on frames; any number gives the same model. A script that asks for more than one
         runs under ``if __name__ == "__main__":``.
-    notes
+    notes : path, optional
         A file in which each frame is noted as it is done: an interrupted call, or a killed one, goes on where
         it stopped when it is repeated. That of another call begins anew.
-    show
+    show : callable, optional
         Gets how many frames are done, of how many; first of those whose smears are read for ``max_smear_px``.
 
     Returns

@@ -270,7 +270,7 @@ def estimate_frames(
         Pictures of one size in the order of time, or a video's file.
     timestamps_s : iterable of float, optional
         Their times in seconds, for example of `timestamps_of`.
-    network, select, options, camera, shutter
+    network, select, options, camera, shutter : optional
         Those of `estimate`, the same for all frames.
 
     Returns

@@ -72,21 +72,21 @@ def reconstruct(
 
     Parameters
     ----------
-    video
+    video : path
         A video, or a folder of the frames of one.
-    folder
+    folder : path
         Where the scene goes: ``images``, ``sparse/0`` (COLMAP's model of these), ``exposures`` (the same
         with the poses NAME#open and NAME#close of recovered frames), ``database.db``, ``masks`` (where
         anything moves by itself), ``transforms.json`` and ``sparse_pc.ply``, ``report.html``. New, empty, or
         of an earlier call.
-    options
+    options : ReconstructionOptions, optional
         Which frames, camera and mapper.
-    network
+    network : SmearReader, optional
         Reads smears; by default a new `SmearNetwork`.
-    jobs
+    jobs : int, optional
         Processes that recover frames, by default one per core; any number gives the same scene. COLMAP runs
         in a process, too, so that a script calls this under ``if __name__ == "__main__":``.
-    step
+    step : callable, optional
         Is entered for each step with its name; gives what gets how many parts are done, of how many.
 
     Returns
