@@ -202,7 +202,8 @@ class _Making:
         scene.step("transforms", trainer, writing)
         kinds = {name: values[0] for name, values in seen.items()}
         shown = partial(shown_frames, frames, kinds, result, found.get("turned", {}))
-        scene.step("report", [REPORT], lambda: self._write_report(shown()))
+        moving = None if result.moving is None else len(result.moving)
+        scene.step("report", [REPORT], lambda: self._write_report(shown(), moving))
         self._tidy()
         return result
 
@@ -249,11 +250,16 @@ class _Making:
         done = Masks(*self.scene.result("moving", Masks([], [])))
         return tuple(Masks(*self.scene.step("moving", done.files, mask)).moving)
 
-    def _write_report(self, frames: list[Seen]) -> str:
+    def _write_report(self, frames: list[Seen], moving: int | None) -> str:
         """Write the report, and return its name."""
         with self.step("writing the report"):
             page = timeline(
-                frames, self.folder / EXPOSURES, self.folder / IMAGES, self.video.name, __version__
+                frames,
+                self.folder / EXPOSURES,
+                self.folder / IMAGES,
+                self.video.name,
+                __version__,
+                moving=moving,
             )
             write_file(self.folder / REPORT, page)
         return REPORT

@@ -36,12 +36,19 @@ td, th { padding: 1px 16px 1px 0; text-align: left; font-weight: normal; }
 """
 
 
-def timeline(frames: Sequence[Seen], model: Path, images: Path, title: str, version: str) -> bytes:
-    """Return the page, UTF-8; ``model`` is the folder of the one with views, ``images`` that of frames."""
+def timeline(
+    frames: Sequence[Seen], model: Path, images: Path, title: str, version: str, *, moving: int | None = None
+) -> bytes:
+    """Return the page, UTF-8; ``model`` is the folder of the one with views, ``images`` that of frames.
+
+    In ``moving`` of the frames something moves by itself, if anybody has looked.
+    """
     fates = Counter(frame.fate for frame in frames)
     rows = f"<tr><td>frames of the video</td><td>{len(frames)}</td></tr>"
     rows += f"<tr><td>chosen, the sharpest</td><td>{sum(frame.chosen for frame in frames)}</td></tr>"
     rows += "".join(f"<tr><td>{fate}, {FATES[fate]}</td><td>{fates[fate]}</td></tr>" for fate in FATES)
+    if moving is not None:
+        rows += f"<tr><td>in which something moves by itself</td><td>{moving}</td></tr>"
     reasons = Counter(frame.reason for frame in frames if frame.reason)
     rows += "".join(f"<tr><td>refused: {escape(why)}</td><td>{n}</td></tr>" for why, n in reasons.items())
     body = f"""<p><b>blur2view</b> scene of {escape(title)}</p>

@@ -45,11 +45,12 @@ from blur2view.reconstruction.frames import (
 )
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
-from blur2view.reconstruction.outcome import Reconstruction
+from blur2view.reconstruction.outcome import Reconstruction, shown_frames
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.reconstruct import _digest, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
 from blur2view.reconstruction.static_points import StaticPoints
+from blur2view.reconstruction.timeline import timeline
 from blur2view.reconstruction.trainer import write_transforms
 from blur2view.smears.grid import SmearGrid
 from tests.support.blurred_plane import BlurredPlane
@@ -598,6 +599,14 @@ def test_the_table_says_whether_anything_moves(
 ) -> None:
     lines = list(outcome_table(replace(whole, moving=moving_frames)))
     assert [one for one in lines if "by itself" in one] == [line] * (line is not None)
+
+
+def test_the_report_says_in_how_many_frames_anything_moves(whole: Reconstruction) -> None:
+    frames = [Frame(name, k, 1.0, 0.1) for k, name in enumerate(PLANE.names)]
+    for moving, row in ((2, "by itself</td><td>2<"), (None, "")):
+        shown = shown_frames(frames, {}, whole, {})
+        page = timeline(shown, whole.folder / "exposures", whole.folder / "images", "", "", moving=moving)
+        assert row in page.decode() and ("by itself" in page.decode()) == bool(row)
 
 
 def test_the_table_has_no_smear_of_frames_that_were_not_read(whole: Reconstruction) -> None:
