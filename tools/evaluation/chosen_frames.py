@@ -3,31 +3,87 @@
 ``python -m tools.evaluation.chosen_frames WORK --out tools/results/chosen_frames.md`` renders videos of a
 hand's shake with exact poses (`tools.rendering.video`); ``--recorded MODEL FRAMES``, COLMAP's model of all
 frames of a recording and the folder of them, adds that one. What it costs says `tools.evaluation.benchmark`.
+A second table has other ways to choose one of some neighbours; `blur2view.cli.choosing` cites it.
 """
 
 import csv
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from shutil import which
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
+import blur2view
 from blur2view.arrays import Array
+from blur2view.cli.choosing import LEAST, NEIGHBOURS, sharpness_rank
+from blur2view.images.pixels import gradient_energy
+from blur2view.networks.smear_network import Detail, SmearNetwork
+from blur2view.records.record import Record
 from tools.command import Existing, Target, publish, run, table
 from tools.rendering.video import VideoOptions, smear_lengths_px, write_video
 
 OPTIONS = VideoOptions(rate=30, share=0.5, frames=60, size=(640, 480), focal_px=576, shake_px=56 / 3)
 EVERY = 6, 10  # neighbours of which one is kept
+COUNTS = range(3, 16)  # neighbours over which ways to choose are averaged
+SHOWN = 6, 10, 15
 HEAD = "video | way | rank correlation" + "".join(f" | 1 of {every}" for every in EVERY)
+WAYS_HEAD = f"way | {' | '.join(f'1 of {count}' for count in SHOWN)} | mean, 1 of {COUNTS[0]} to {COUNTS[-1]}"
+WAYS_LEAD = """\
+Ways to choose one of N neighbours, averaged over the videos and all first frames: a share of them, two at
+least, that has the most gradient energy (of both directions, or the sum of squares) is read by the network,
+and of these that one is kept which the rest of the line names."""
 LEAD = """\
 *Rank correlation* of a measure of blur with the true length of the smears, over all frames. *1 of N*: the
 mean true length of what is kept of every N frames over that of the least blurred of them, 1.00 at best;
 *first* keeps the first of each."""
+
+
+class Frame(NamedTuple):
+    """A frame: the true length of its smears, pixels, and what is measured; more energy is sharper."""
+
+    true: float
+    record: Record
+    energy: float
+    squares: float
+    laplacian: float
+
+
+class Way(NamedTuple):
+    """A way to choose: the measure and share by which the network reads frames, and the rank of these."""
+
+    measure: Callable[[Frame], float]
+    share: int
+    rank: Callable[[Frame], Any]
+
+    def chosen(self, frames: Sequence[Frame]) -> Frame:
+        """Return the frame that is kept of neighbours."""
+        read = list[Frame]()
+        for part in np.array_split(np.arange(len(frames)), -(-len(frames) // NEIGHBOURS)):
+            count = max(-(-len(part) // self.share), min(LEAST, self.share))
+            read += sorted((frames[k] for k in part), key=self.measure, reverse=True)[:count]
+        return min(read, key=self.rank)
+
+
+WAYS = {
+    "all, width of the blur": Way(attrgetter("energy"), 1, lambda one: sharpness_rank(one.record)),
+    "a third by the squares, width": Way(attrgetter("squares"), 3, lambda one: sharpness_rank(one.record)),
+    "a third, width": Way(attrgetter("energy"), 3, lambda one: sharpness_rank(one.record)),
+    **{
+        f"{name}, width over energy": Way(
+            attrgetter("energy"), share, lambda one: sharpness_rank(one.record, one.energy)
+        )
+        for share, name in ((3, "a third"), (4, "a quarter"), (5, "a fifth"))
+    },
+    "all, energy": Way(attrgetter("energy"), 1, lambda one: -one.energy),
+    "all, variance of the Laplacian": Way(attrgetter("energy"), 1, lambda one: one.laplacian),
+}
 
 
 def recorded_lengths_px(model: Path) -> dict[str, float]:
@@ -119,6 +175,46 @@ def rows(
     yield title, "`triage --every-best N`", "", *ratios
 
 
+def frames_of(paths: Sequence[Path], true: Sequence[float]) -> list[Frame]:
+    """Return what is measured of the frames of a video, by one look at each, as where neighbours compete."""
+    network, frames = SmearNetwork(threads=1), list[Frame]()
+    for path, length in zip(paths, true, strict=True):
+        image = blur2view.read_image(path)
+        look = blur2view.estimate(image, network=network, detail=Detail.RANKING, geometry=False, closer=False)
+        pixels = np.asarray(cv2.imread(str(path)))[..., ::-1]
+        gradients = [
+            cv2.Sobel(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), cv2.CV_32F, *d) for d in ((1, 0), (0, 1))
+        ]
+        frames.append(
+            Frame(
+                true=length,
+                record=look.record().with_use(),
+                energy=gradient_energy(pixels),
+                squares=float(sum((one**2).mean() for one in gradients)),
+                laplacian=laplacian(path),
+            )
+        )
+    return frames
+
+
+def way_rows(videos: Sequence[Sequence[Frame]]) -> Iterator[tuple[str, ...]]:
+    """Yield the row of each way: mean true length of what it keeps over that of the least blurred."""
+    for name, way in WAYS.items():
+        means = dict[int, float]()
+        for count in COUNTS:
+            ratios = []
+            for frames in videos:
+                for first in range(count):
+                    groups = [frames[k : k + count] for k in range(first, len(frames) - count + 1, count)]
+                    kept, best = (
+                        [f(group) for group in groups]
+                        for f in (way.chosen, lambda g: min(g, key=attrgetter("true")))
+                    )
+                    ratios.append(np.mean([one.true for one in kept]) / np.mean([one.true for one in best]))
+            means[count] = float(np.mean(ratios))
+        yield name, *(f"{means[count]:.2f}" for count in SHOWN), f"{np.mean(list(means.values())):.3f}"
+
+
 def main(
     work: Target,
     *,
@@ -128,17 +224,20 @@ def main(
 ) -> None:
     """Render videos of the first seeds into WORK, choose, and write the page."""
     work.mkdir(exist_ok=True)
-    every = list[tuple[str, ...]]()
+    every, measured = list[tuple[str, ...]](), list[list[Frame]]()
     for seed in range(videos):
         folder = work / f"seed{seed}"
         true = smear_lengths_px(write_video(folder, seed, OPTIONS), seed, OPTIONS)
-        every += list(rows(f"rendered, {seed}", folder, sorted(folder.glob("f_*.png")), true, work))
+        frames = sorted(folder.glob("f_*.png"))
+        every += list(rows(f"rendered, {seed}", folder, frames, true, work))
+        measured.append(frames_of(frames, true))
     if recorded is not None:
         model, folder = recorded
         lengths = recorded_lengths_px(model)
         frames = [folder / name for name in lengths]
         every += list(rows(folder.name, folder, frames, list(lengths.values()), work))
-    publish(out, LEAD, table(HEAD, every))
+        measured.append(frames_of(frames, list(lengths.values())))
+    publish(out, LEAD, table(HEAD, every), WAYS_LEAD, table(WAYS_HEAD, way_rows(measured)))
 
 
 if __name__ == "__main__":

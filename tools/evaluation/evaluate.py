@@ -4,7 +4,8 @@
     python -m tools.evaluation.evaluate render/test --paper 10 --out tools/results/evaluation.md
 
 Every method gets the same matches, the network's own; F is judged on the true smears of static pixels. The
-paper's Table 2 is of the first ``--paper`` photographs: its estimator and ours on the surest smears.
+paper's Table 2 is of the first ``--paper`` photographs: its estimator and ours on the surest smears. Of the
+first ``--fewer`` photographs F is also estimated through every second and third row and column of cells.
 """
 
 from collections.abc import Iterable, Iterator
@@ -27,6 +28,8 @@ OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)  # lower ends of the classes of true lengt
 OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | EPE-S / length"
 SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
 SHARES = (0.2, 0.35, 0.45, 0.55)  # of the smears, the surest: the paper's Table 2
+
+EVERY_CELL = 1, 2, 3  # rows and columns of which one is kept
 
 Pair = tuple[TestScene, SmearGrid]
 
@@ -126,7 +129,22 @@ def of_shares(pairs: Iterable[Pair]) -> Iterator[Measured]:
             yield {f"{name}, the surest {share:.0%}": one for name, one in found.items()}
 
 
-def main(scenes: Path, *, model: Existing | None = None, paper: int = 0, out: Target | None = None) -> None:
+def of_fewer_cells(pairs: Iterable[Pair]) -> Iterator[Measured]:
+    """Yield, for each photograph, how good F is through some of its cells (`smear_network.MIN_CELLS`)."""
+    for scene, grid in pairs:
+        matches = select_matches(grid)
+        cell = (matches.midpoint // grid.stride).astype(int)
+        rows: Measured = {}
+        for every in EVERY_CELL:
+            some = matches.subset((cell % every == every // 2).all(axis=1))
+            found = measured(known_matches(scene, some), (OURS,), scene.F)
+            rows |= {f"{name}, every {every}. row and column": one for name, one in found.items()}
+        yield rows
+
+
+def main(
+    scenes: Path, *, model: Existing | None = None, paper: int = 0, fewer: int = 0, out: Target | None = None
+) -> None:
     """Evaluate a network, the shipped one by default, on a test set."""
     network = blur2view.SmearNetwork(model)
     pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
@@ -137,7 +155,13 @@ def main(scenes: Path, *, model: Existing | None = None, paper: int = 0, out: Ta
         table("smears | ", [(name, f"{value:.4g}") for name, value in smear_figures(smears).items()]),
         table(OCTAVE_HEAD, by_octave(smears)),
         table(SIGMA_HEAD, by_sigma(smears)),
-        *(method_table(rows) for rows in (list(of_methods(moving)), list(of_shares(moving[:paper]))) if rows),
+        *(
+            method_table(rows)
+            for rows in map(
+                list, (of_methods(moving), of_shares(moving[:paper]), of_fewer_cells(moving[:fewer]))
+            )
+            if rows
+        ),
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view.movers.mask import MotionMask
+from blur2view.records.record import Record
 from blur2view.smears.blur import Blur, BlurKind
 from tools.datasets import blurred_photographs
 from tools.evaluation import blur_kinds, chosen_frames, looks
@@ -67,6 +68,24 @@ def test_choosing_the_least_blurred_has_no_regret_and_any_other_has() -> None:
     assert chosen_frames.least(true, 3) == [1, 3, 6] and chosen_frames.regret(true, [1, 3, 6], 3) == 1
     assert chosen_frames.regret(true, [0, 4, 6], 3) == pytest.approx(16 / 10)
     assert chosen_frames.rank_correlation(true, [-value for value in true]) == pytest.approx(-1)
+
+
+def test_a_way_to_choose_reads_the_frames_with_most_energy_and_keeps_the_first_by_its_rank() -> None:
+    frames = [
+        chosen_frames.Frame(
+            true=width,
+            record=Record(name="", use="blurred", smear_px=width),
+            energy=energy,
+            squares=0,
+            laplacian=0,
+        )
+        for width, energy in ((2.0, 1.0), (4.0, 9.0), (3.0, 3.0), (9.0, 8.0))
+    ]
+    kept = {name: way.chosen(frames).true for name, way in chosen_frames.WAYS.items()}
+    assert kept["all, width of the blur"] == 2 and kept["a third, width"] == 4  # of the two with most energy
+    assert kept["a quarter, width over energy"] == kept["all, energy"] == 4
+    (row, *_) = chosen_frames.way_rows([frames * 8])
+    assert row[0] == "all, width of the blur" and float(row[-1]) == 1
 
 
 def test_smears_of_a_video_are_as_long_as_its_exposures() -> None:
