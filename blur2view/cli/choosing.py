@@ -31,7 +31,8 @@ NEIGHBOURS = 12  # bound: of so many at most gradients are compared, because the
 SHARE, LEAST = 4, 2
 """Of so many neighbours the network reads one, but two at least. Of 3 to 15 neighbours in nine videos (page
 chosen_frames.md of tools/results) the chosen frame was 1.039 times as blurred as the best one; with a third,
-chosen by the sum of squared gradients and ranked by the network alone, 1.051."""
+chosen by the sum of squared gradients and ranked by the network alone, 1.051
+(``tools.evaluation.chosen_frames WORK --videos 8`` compares them)."""
 MIN_WIDTH_PX = 1.0  # bound: shorter widths of blur differ by noise
 
 
