@@ -69,6 +69,11 @@ class Run:
         self.without_table = False  # because it could not be written
 
     @property
+    def noun(self) -> str:
+        """What the photographs are called: frames, if all are those of videos."""
+        return "frame" if all(job.source.frame is not None for job in self.jobs) else "photograph"
+
+    @property
     def done(self) -> list[Outcome]:
         """The outcomes that are not failures."""
         return [outcome for _, outcome in self.outcomes if not outcome.error]
@@ -138,7 +143,7 @@ class Run:
         start, count = time.monotonic(), len(self.jobs)
         places = {job.source: place for place, job in enumerate(self.jobs, 1)}
         try:
-            with waiting("photographs", hidden=self.options.printing.quiet) as show:
+            with waiting(f"{self.noun}s", hidden=self.options.printing.quiet) as show:
                 self._check(targets, checked)
                 self._name_passed_over()
                 show(0, count)
@@ -217,7 +222,7 @@ class Run:
         """Note the exit code of a run that ends early, and say what does the rest."""
         self.early_exit_code, count = code, len(self.jobs)
         if count > 1:
-            line += f" after {len(self.outcomes)} of {plural(count, 'photograph')}"
+            line += f" after {len(self.outcomes)} of {plural(count, self.noun)}"
             if any(job.files for job in self.jobs):
                 line += "; the same call with --resume does the rest"
         if count > 1 or code == INTERRUPTED:

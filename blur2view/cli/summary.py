@@ -62,7 +62,7 @@ def print_written_table(run: Run) -> None:
 def print_counts(run: Run, counts: Mapping[str, int], *written: Path | None, said: str = "") -> None:
     """Print counts of photographs by their words in one line, then ``said``, then the files written."""
     parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
-    line = f"{plural(len(run.outcomes), 'photograph')}: {parts} ({run.seconds:.1f} s)"
+    line = f"{plural(len(run.outcomes), run.noun)}: {parts} ({run.seconds:.1f} s)"
     paths = " and ".join(printable(str(path)) for path in written if path is not None)
     wrote_paths = f"wrote {paths}" if paths else ""
     print("; ".join(part for part in (line, said, wrote_paths) if part))

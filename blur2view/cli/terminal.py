@@ -26,7 +26,7 @@ EXIT_CODES = {
 # Seconds until a bar appears, between drawings of it, and between lines in a file.
 FIRST_S, REDRAW_S, LINE_S = 0.5, 0.25, 60.0
 SMOOTHING = 0.1  # of the rate: photographs of an earlier call soon count no more
-PARTS = "{desc}: {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
+PARTS = "{desc}: {n} of {total}, {rate_noinv_fmt}, {remaining} left"
 BAR = PARTS.replace(": ", ": {percentage:3.0f}%|{bar}| ", 1)
 WHOLE = "{desc} ... {elapsed}"  # a step whose parts are not counted
 DRAWING = threading.RLock()  # one thread at a time writes to the terminal
@@ -148,6 +148,7 @@ class Step:
         bar = tqdm(
             desc=self.text,
             unit="",
+            unit_scale=True,  # or the rate is padded with spaces
             file=file,
             leave=False,
             nrows=20,  # tqdm hides the bar where a terminal does not know its height

@@ -95,8 +95,8 @@ def test_among_neighbours_the_width_of_blur_over_gradient_energy_decides() -> No
 def test_a_table_has_every_frame_and_without_one_two_of_six_are_looked_at(call: Call, tmp_path: Path) -> None:
     clip = write_blurred(tmp_path / "a.mp4", [5, 1, 5, 5, 0.5, 5])
     words = ("triage", clip, "--every-best", 6, "--keep")
-    assert "2 photographs: " in (done := call(*words, tmp_path / "k.txt")).out and "1 kept of 6" in done.out
-    assert "6 photographs: " in call(*words, tmp_path / "l.txt", "--csv", tmp_path / "t.csv").out
+    assert "2 frames: " in (done := call(*words, tmp_path / "k.txt")).out and "1 kept of 6" in done.out
+    assert "6 frames: " in call(*words, tmp_path / "l.txt", "--csv", tmp_path / "t.csv").out
 
 
 def test_the_best_of_a_video_are_spread_over_it(call: Call, tmp_path: Path) -> None:

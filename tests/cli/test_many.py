@@ -36,7 +36,7 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
     document = json.loads((out / names[1]).read_text())
     assert document["name"] == "clip.mp4/000010" and document["timestamp_s"] == pytest.approx(1)
     done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
-    assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
+    assert done == 0 and "4 frames: 2 done, 2 done before" in done.out
 
 
 def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import sys
+import threading
 import time
 
 import pytest
@@ -49,10 +50,15 @@ def test_a_person_sees_rate_and_time_left_and_lines_above(
 
 @pytest.mark.usefixtures("quickly")
 def test_a_file_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    with waiting("frames") as show:
-        show(3, 4)
-        drawn = until_drawn(capsys, "left\n")
-    assert re.fullmatch(r"(blur2view: frames: 3 of 4, +\S+/s, 00:00 left\n)+", drawn)
+    step = terminal.Step("frames")
+    step.began -= 100
+    step.note(3, 4)
+    drawing = threading.Thread(target=step.draw)
+    drawing.start()
+    drawn = until_drawn(capsys, "left\n")
+    step.ended.set()
+    drawing.join()
+    assert re.fullmatch(r"(blur2view: frames: 3 of 4, 0\.03/s, 00:\d\d left\n)+", drawn)
 
 
 def test_what_is_short_or_hidden_shows_nothing(
