@@ -47,6 +47,7 @@ NOTES = ".blur2view.sha256"  # of a folder: digests of what was written there an
 HALF = ".blur2view.tmp"  # how names of half-written files end
 LOCK_S, PAUSE_S = 10.0, 0.02  # bound of waiting for another call that writes in a folder, and between looks
 READ_WHOLE, READ_PART = 4 << 30, 256 << 20  # bytes: of a larger file's start and end `quick_digest` is made
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 SIGNATURE_BYTES = 1 << 20  # bound; bytes at the start of a file that are searched for a signature
 
 
@@ -379,7 +380,6 @@ def unwritable(folder: Path, error: OSError) -> OutputError:
     folder = folder if folder.name else Path(os.path.abspath(folder))  # . says little
     if isinstance(error, FileExistsError | NotADirectoryError):
         return OutputError(f"{folder}: is not a folder; choose another output folder")
+    remedy = "free some space, or name another folder" if error.errno in NO_ROOM else "name another folder"
     reason = error.strerror or type(error).__name__
-    return OutputError(
-        f"{folder}: results cannot be written there ({reason}); free some space, or name another folder"
-    )
+    return OutputError(f"{folder}: results cannot be written there ({reason}); {remedy}")

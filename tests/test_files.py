@@ -152,7 +152,11 @@ def test_what_each_writer_writes_is_ours_and_replaced_and_a_copy_without_its_mar
 
 def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
     refusal = unwritable(Path("."), OSError(errno.EROFS, os.strerror(errno.EROFS)))
-    assert str(refusal).startswith(f"{here}: results cannot be written there (Read-only file system)")
+    assert str(refusal) == (
+        f"{here}: results cannot be written there (Read-only file system); name another folder"
+    )
+    full = unwritable(here, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    assert str(full).endswith("; free some space, or name another folder")
 
 
 def test_a_link_to_itself_is_not_replaced_and_one_into_no_folder_makes_none(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from blur2view.cli.executors import Restarted, Shared, as_it_is, connected, wait_for_worker
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
 from blur2view.exposure.sequence import Features, Matches, Series
-from blur2view.files import quick_digest, write_beside
+from blur2view.files import NO_ROOM, quick_digest, write_beside
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
@@ -26,7 +26,7 @@ from blur2view.records.record import Record
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 READ_AHEAD = 1  # bound; jobs that are read before they are begun, besides the one that is being read
-DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
+DISK_FULL = NO_ROOM | {errno.EROFS}
 """Errors after which the files of the next photograph could not be written either."""
 T = TypeVar("T")
 Neighbours = tuple[tuple[int, Source], ...]

@@ -81,7 +81,7 @@ def open_for_writing(path: Path) -> Iterator[Connection]:
 @contextmanager
 def database_errors(path: Path) -> Iterator[None]:
     """Raise every error inside as a DatabaseError; a ValueError's message states defect and remedy itself."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # as Path.is_file, but of a name that is too long as well
         raise DatabaseError(f"{path}: no such database; check the path")
     try:
         yield

@@ -97,6 +97,8 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
         with pytest.raises(DatabaseError, match="exists; choose another --db"):
             write_database(there, [make_views()])
     assert path.read_text() == "mine"
+    with pytest.raises(DatabaseError, match="cannot be written .File name too long"):
+        write_database(tmp_path / ("x" * 300), [make_views()])
     with pytest.raises(DatabaseError, match="cannot be written"):
         write_database(path / "new.db", [make_views()])
 
