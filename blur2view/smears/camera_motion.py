@@ -51,7 +51,8 @@ MOVING_SHARE = 0.005
 # Where networks see the few cells of a look, the probability of a moving camera below which it plainly stood
 # still, and those of the place that moves most that leave open whether anything moved. A first look leaves
 # the name of 235 of 1034 photographs open (`tools.evaluation.blur_kinds`, `tools.evaluation.segmentation`).
-# These limits, chosen on 200 of them, settle 56 of the 200 and 26 of the other 35, as all windows name them.
+# These limits, chosen on 200 of them, settle 56 of the 200 as all windows name them, and 26 of the other 35,
+# of which all windows name one otherwise, and wrongly.
 PLAINLY_STOOD, OPEN_MOVER = 0.2, (0.02, 0.5)
 # A camera plainly moved if at most this share of the cells is not smeared, and the median smear this long.
 MAX_STILL, PLAIN_PX = 0.1, 4.0
