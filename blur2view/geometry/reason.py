@@ -32,8 +32,8 @@ def _refusal(refusal: Refusal) -> str:
         case Cause.SHORT_SMEARS:
             return f"no motion: the median smear is {value:.2f} px long, which is below {limit:.2f} px"
         case Cause.SMALL_PART:
-            covered = f"the smears cover {100 * value:.0f} % of the image, and {100 * limit:.0f} % are needed"
-            return f"{covered}; perhaps one object moves before a still camera"
+            cover = f"the smears cover {100 * value:.0f} % of the image, and {100 * limit:.0f} % are needed"
+            return f"{cover}; perhaps one object moves before a still camera"
         case Cause.ONE_LINE:
             return "all smears lie along one line, which determines neither F nor H"
         case Cause.WITHIN_ERRORS:
@@ -49,19 +49,19 @@ def _conclusion(geometry: TwoViewGeometry) -> str:
     """Return which models explain the smears, with the probability of each."""
     match geometry.config, geometry.parallax:
         case Configuration.UNDEFINED, _:
-            said = "no single motion explains the smears"
+            conclusion = "no single motion explains the smears"
         case Configuration.DEGENERATE, _:
-            said = "no motion"
+            conclusion = "no motion"
         case _, Parallax.PROVEN:
-            said = "parallax is proven"
+            conclusion = "parallax is proven"
         case _, Parallax.ABSENT:
-            said = "there is no parallax"
+            conclusion = "there is no parallax"
         case _:
-            said = "parallax is undecided"
+            conclusion = "parallax is undecided"
     if geometry.few_follow_F:
-        said += " because few smears follow F"
+        conclusion += " because few smears follow F"
     table = ", ".join(f"{row.model} {row.probability:.2f}" for row in geometry.models)
-    return f"{said} ({table})" if table else said
+    return f"{conclusion} ({table})" if table else conclusion
 
 
 def _support(support: Support) -> str:

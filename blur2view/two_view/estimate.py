@@ -130,11 +130,11 @@ def estimate_two_view(
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
-    both = geometry, geometry.reversed()
-    corrected = [estimate_global_shutter(matches, options, rng, camera, shutter, order) for order in both]
+    orders = geometry, geometry.reversed()
+    estimates = [estimate_global_shutter(matches, options, rng, camera, shutter, order) for order in orders]
     by_parallax = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN].index
     likelier = sorted(
-        (geometry for geometry in corrected if geometry is not None),
+        (geometry for geometry in estimates if geometry is not None),
         key=lambda order: (order.cam2_from_cam1 is None, by_parallax(order.parallax), order.E is not None),
     )
     if len(likelier) == 1:
@@ -157,10 +157,10 @@ def estimate_global_shutter(
     """
     rounds, second = [], recorded.second_end_is_open
     for _ in range(ROUNDS):
-        corrected = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
-        if corrected is None:
+        exposed_at_once = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
+        if exposed_at_once is None:
             break
-        geometry = as_recorded(corrected, options, rng, camera)
+        geometry = as_recorded(exposed_at_once, options, rng, camera)
         agrees = (geometry.second_end_is_open == recorded.second_end_is_open).mean() >= 0.5
         rounds.append(geometry if agrees else geometry.reversed())
         second = rounds[-1].second_end_is_open

@@ -48,8 +48,8 @@ class FundamentalFit:
     @classmethod
     def likelier(cls, point: FundamentalManifold, smears: NormalisedSmears) -> FundamentalFit:
         """Return the fit at a point with the sign of the translation of lower cost."""
-        both = (cls(point=point, smears=smears, sign=sign) for sign in (1.0, -1.0))
-        return min(both, key=lambda fit: fit.cost)
+        fits = (cls(point=point, smears=smears, sign=sign) for sign in (1.0, -1.0))
+        return min(fits, key=lambda fit: fit.cost)
 
     @cached_property
     def residuals(self) -> OrderedResiduals:
@@ -217,11 +217,11 @@ class DirectionLikelihood:
         No two translations are closer than GRID_APART allows.
         """
         directions, rotations, costs, _ = self.grid
-        chosen: list[int] = []
+        best: list[int] = []
         for index in np.argsort(costs):
-            if len(chosen) < count and (np.abs(directions[chosen] @ directions[index]) < c.GRID_APART).all():
-                chosen.append(int(index))
-        return [(rotations[index], directions[index]) for index in chosen]
+            if len(best) < count and (np.abs(directions[best] @ directions[index]) < c.GRID_APART).all():
+                best.append(int(index))
+        return [(rotations[index], directions[index]) for index in best]
 
 
 def search_and_fit(
@@ -241,8 +241,8 @@ def search_and_fit(
     rough = with_measured_noise(smears.thinned(c.ROUGH_COUNT), starts[0])  # no fitted F is known yet
     points = [FundamentalManifold.from_matrix(F, smears.prior_sigma) for F in starts]
     point = fit_best(points, rough).point
-    measured = with_measured_noise(smears, point.matrix())
-    return measured, fit_best([point], measured), search
+    rescaled_smears = with_measured_noise(smears, point.matrix())
+    return rescaled_smears, fit_best([point], rescaled_smears), search
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalManifold:

@@ -60,8 +60,8 @@ class FieldLikelihood:
     @cached_property
     def chance(self) -> Array:
         """Density (N,) of an outlier, of any direction and no longer, over an inlier's at its greatest."""
-        squared = self.smears.matches.length_px**2 + TINY
-        return np.asarray(np.minimum(2 * self.smears.field_sigmas_px.prod(axis=0) / squared, 1))
+        squared_length = self.smears.matches.length_px**2 + TINY
+        return np.asarray(np.minimum(2 * self.smears.field_sigmas_px.prod(axis=0) / squared_length, 1))
 
     @cached_property
     def slow_errors(self) -> Array:

@@ -88,9 +88,9 @@ def race(
     trials = [(next(run), run) for run in runs]
     for count in kept if len(runs) > 1 else ():
         trials = sorted(trials, key=lambda trial: trial[0].cost)[:count]
-        trials = [(next(run, reached), run) for reached, run in trials]
-    reached, run = min(trials, key=lambda trial: trial[0].cost)
-    return last_point(chain([reached], run))
+        trials = [(next(run, point), run) for point, run in trials]
+    point, run = min(trials, key=lambda trial: trial[0].cost)
+    return last_point(chain([point], run))
 
 
 def last_point(points: Iterable[P]) -> P:

@@ -65,11 +65,11 @@ def ransac(estimator: Estimator, rng: np.random.Generator) -> Report:
         costs = estimator.score(models, order)
         if len(models) and costs.min() < sampled_cost:
             sampled_cost = float(costs.min())
-            sampled = models[int(np.argmin(costs))]
-            both = np.stack([sampled, estimator.refine(sampled)])
-            its = estimator.score(both, order)
-            if its.min() < cost:
-                cost, best = float(its.min()), both[int(np.argmin(its))]
+            best_sample = models[int(np.argmin(costs))]
+            candidates = np.stack([best_sample, estimator.refine(best_sample)])
+            candidate_costs = estimator.score(candidates, order)
+            if candidate_costs.min() < cost:
+                cost, best = float(candidate_costs.min()), candidates[int(np.argmin(candidate_costs))]
         if best is not None:
             ratio = estimator.inlier_share(best)
             if iterations >= needed_iterations(ratio, estimator.sample_size):
