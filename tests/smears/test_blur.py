@@ -174,6 +174,9 @@ def test_a_look_asks_for_networks_where_cells_differ_or_for_more_windows_if_they
         assert Evidence(grid=grid(within(0, 0)), closest=closest).needed is Needed.NOTHING
     of_others = replace(grid(within(2, 0)), shares=None)  # of a network that is not ours
     assert Evidence(grid=of_others, closest=False).needed is Needed.WINDOWS
+    moved = grid(within(0, 2))  # which networks hardly ever settle in a look
+    assert Evidence(grid=moved, closest=False).needed is Needed.WINDOWS
+    assert Evidence(grid=moved, closest=True).needed is Needed.MOVERS
 
 
 @pytest.mark.parametrize(
