@@ -5,6 +5,7 @@ Without torch (``pip install '.[test]'``) the tests that need it are not collect
 
 import gc
 import os
+import signal
 from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
@@ -49,6 +50,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if any(path.match(pattern) for pattern in NEEDS_TORCH):
             item.add_marker("train")
     items.sort(key=lambda item: item.get_closest_marker("lint") is None)
+
+
+def process_state() -> dict[str, object]:
+    """Return what a test may change in its process, and the next one would meet."""
+    return {
+        "current folder": os.getcwd(),
+        "answer to Ctrl-C": signal.getsignal(signal.SIGINT),
+        "errors of NumPy": np.geterr(),
+    }
+
+
+@pytest.fixture(autouse=True)
+def unchanged_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Give a test's environment back, and fail if it changes its process, so that no order decides."""
+    before, environment = process_state(), dict(os.environ)
+    yield
+    monkeypatch.undo()
+    if os.environ != environment:  # processes that were started in it have left their mark
+        os.environ.clear()
+        os.environ.update(environment)
+    assert process_state() == before
 
 
 @pytest.fixture(scope="session")

@@ -95,7 +95,6 @@ class Drawing(Dataset[Batch]):
 
     def __getitem__(self, number: int) -> Batch:
         """Draw a batch: float32 tensors by name."""
-        cv2.setNumThreads(1)
         rng = np.random.default_rng([self.seed, number])
         sizes = list(LONGEST_PX)
         size = self.size or sizes[rng.choice(len(sizes), p=SIZE_SHARES)]
@@ -116,7 +115,13 @@ class Drawing(Dataset[Batch]):
             num_workers=workers,
             multiprocessing_context="spawn" if workers else None,
             prefetch_factor=2 if workers else None,
+            worker_init_fn=prepare_worker,
         )
+
+
+def prepare_worker(number: int) -> None:
+    """Let OpenCV use one thread in a process that draws, because there are several of these."""
+    cv2.setNumThreads(1)
 
 
 def split_sources(photographs: list[Path], things: Path | None = None) -> tuple[Sources, Sources]:
