@@ -21,7 +21,7 @@ from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader, 
 from blur2view.networks.spectra import STEP
 from blur2view.records.record import Record, plain
 from blur2view.smears.blur import Blur, nothing_seen
-from blur2view.smears.camera_motion import Evidence, Movers, Needed
+from blur2view.smears.camera_motion import Evidence, Needed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, without_fit, without_motion
@@ -247,8 +247,6 @@ def estimate(
     looked = is_named_by_looks(image.shape) or (detail is Detail.RANKING and not evidence.closest)
     if looked and (detail is Detail.GEOMETRY or (geometry and blur.kind.of_camera)):
         grid = network.predict(image)  # F fits some 48 smears of any kind
-    elif looked:
-        grid = replace(grid, shares=None)  # too coarse for a mask
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
         rng, knows_motion = np.random.default_rng(rng or 0), grid.kinds is not None
@@ -330,10 +328,8 @@ def segment(
     if grid.stride % STEP or (grid.stride // STEP).bit_count() != 1:  # of a look, too coarse for masks
         execution = estimate.execution
         grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
-    moving = estimate.moving
-    if moving is None or moving.block_px != BLOCK_PX:  # of a copy
-        moving = moving_in(image, grid, rng, estimate.execution)
-    return motion_mask(moving, image, threshold)
+    moving = None if is_named_by_looks(image.shape) else estimate.moving
+    return motion_mask(moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
 def _seen(
@@ -341,31 +337,21 @@ def _seen(
 ) -> tuple[Evidence, Moving | None]:
     """Return what a photograph shows of its blur, as much as is needed to name it, and what moves in it.
 
-    A cheap look that leaves the name open is followed by a look for movers in its cells. Unless that settles
-    the name, a closer look follows, and a look for movers there. Large photographs are looked at in the same
-    way for every ``detail``, so that they have one name.
+    A cheap look that leaves the name open is followed by a closer one, and that by a look for movers. Large
+    photographs are looked at in the same way for every ``detail``, so that they have one name.
     """
     closest = Detail.CLOSER if is_named_by_looks(image.shape) else Detail.GEOMETRY
     first = detail if closest is Detail.GEOMETRY else Detail.RANKING
     grid = network.predict(image, detail=first)
     evidence = Evidence(grid=grid, closest=first is closest, nothing_seen=nothing_seen(image, grid))
-    moving = None
-    while (closer or evidence.closest) and (needed := evidence.needed) is not Needed.NOTHING:
-        if needed is Needed.WINDOWS:
-            moving, grid = None, network.predict(image, detail=closest)
-            evidence = replace(evidence, grid=grid, movers=None, closest=True)
-        else:
-            moving, movers = _movers_in(image, evidence.grid, network)
-            evidence = replace(evidence, movers=movers)
-    return evidence, moving
-
-
-def _movers_in(image: AnyArray, grid: SmearGrid, network: SmearReader) -> tuple[Moving, Movers]:
-    """Return what moves by itself in a photograph, and what that says of its blur.
-
-    The mask has the size of the copy that the networks saw: of every pixel of 24 megapixels it takes 0.5 GB.
-    """
-    moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
-    copy = reduced(image, moving.block_px / BLOCK_PX)
+    if not (evidence.closest or closer):
+        return evidence, None
+    if evidence.needed is Needed.WINDOWS:
+        evidence = replace(evidence, grid=network.predict(image, detail=closest), closest=True)
+    if evidence.needed is not Needed.MOVERS:
+        return evidence, None
+    moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
+    copy = reduced(image, moving.block_px / BLOCK_PX)  # a mask of every pixel of 24 megapixels takes 0.5 GB
     mask = motion_mask(replace(moving, block_px=BLOCK_PX), copy)
-    return moving, moving.evidence(grid, mask.shares["moving"])
+    movers = moving.evidence(evidence.grid, mask.shares["moving"])
+    return replace(evidence, movers=movers), moving

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view import pipeline
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera
 from blur2view.errors import ImageError
@@ -25,7 +24,6 @@ from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.records.record import Record
 from blur2view.smears.blur import Blur, BlurKind
-from blur2view.smears.camera_motion import Movers
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, SHARP, SMEARED
 from blur2view.smears.matches import select_matches
@@ -197,25 +195,6 @@ def test_what_blurred_a_large_photograph_is_named_by_the_same_looks_for_any_purp
     seen = estimate(levels, network=reader, detail=detail)
     last = [Detail.GEOMETRY] if detail is Detail.GEOMETRY else []
     assert reader.details == [Detail.RANKING, Detail.CLOSER, *last] and seen.blur.kind == "sharp"
-
-
-@pytest.mark.parametrize("highest", [0.0, 0.2])
-def test_what_networks_settle_in_the_cells_of_a_look_is_read_in_no_more_windows(
-    monkeypatch: pytest.MonkeyPatch, highest: float
-) -> None:
-    reader, shares = Reader(SHARP, differs=True), np.zeros((1, 1, 64), np.float32)
-    read = reader.predict
-
-    def predict(image: AnyArray, *, detail: Detail) -> SmearGrid:
-        return replace(read(image, detail=detail), shares=shares)
-
-    monkeypatch.setattr(reader, "predict", predict)
-    movers = Movers(cells=np.zeros((8, 10)), share=0.0, highest=highest, camera_moved=0.1)
-    monkeypatch.setattr(pipeline, "_movers_in", lambda *_: (None, movers))
-    image = np.random.default_rng(0).integers(0, 256, (256, 320, 3), np.uint8)
-    seen = estimate(image, network=reader, detail=Detail.RANKING, geometry=False)
-    assert reader.details == [Detail.RANKING, Detail.GEOMETRY][: 1 + (highest > 0)]
-    assert seen.blur.kind == "sharp" and (seen.grid.shares is None) == (highest == 0)
 
 
 @pytest.mark.slow

@@ -127,8 +127,7 @@ class Moving:
         """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
         rows, columns = (int(-(-side * grid.stride // self.block_px)) for side in grid.cells.shape[:2])
         cells = over_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
-        highest = float(self.probability.max())
-        return Movers(cells=cells, share=share, highest=highest, camera_moved=self.camera_moved)
+        return Movers(cells=cells, share=share, camera_moved=self.camera_moved)
 
 
 def moving_in(
@@ -142,7 +141,7 @@ def moving_in(
         As `blur2view.images.pixels.as_photograph` returns it; reduced until a cell has 32 pixels or, if
         smears are read anew, while it has more than `READ_WHOLE_PX`.
     grid : SmearGrid
-        Its smears; they are read anew unless a `SmearNetwork` read them.
+        Its smears; they are read anew unless a `SmearNetwork` read them, closer than in ``Detail.RANKING``.
     rng : numpy.random.Generator
         Draws starts of the fit of the camera's motion.
     execution : Execution, optional

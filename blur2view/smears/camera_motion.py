@@ -48,13 +48,6 @@ MOST_ODDS, PICTURE_ODDS, LENGTH_ODDS = 4.6, 6.0, 2.5  # largest log-odds of cell
 SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
 # Share of the picture that must move, or of the cells that must be smeared, for anything to have moved.
 MOVING_SHARE = 0.005
-# Where networks see the few cells of a look, the probability of a moving camera below which it plainly stood
-# still, and those of the place that moves most that leave open whether anything moved. A first look leaves
-# the name of 235 of 1034 photographs open (`tools.evaluation.blur_kinds`, `tools.evaluation.segmentation`).
-# These limits, chosen on 200 of them, settle 56 of the 200 as all windows name them, and 26 of the other 35,
-# of which all windows name one otherwise, and wrongly. Of 54 whose cells say that the camera moved they would
-# settle 5, so networks are not asked there.
-PLAINLY_STOOD, OPEN_MOVER = 0.2, (0.02, 0.5)
 # A camera plainly moved if at most this share of the cells is not smeared, and the median smear this long.
 MAX_STILL, PLAIN_PX = 0.1, 4.0
 # The camera did not move if the median of the smears that a geometry is fitted to is shorter, pixels. Where
@@ -82,7 +75,6 @@ class Movers:
 
     cells: Array  # (h, w): the share of each cell of the grid that moves by itself
     share: float  # that of the picture
-    highest: float = 0.0  # highest probability of a block that it moves by itself
     camera_moved: float | None  # probability that the camera moved; None: the cells judge it
 
 
@@ -99,14 +91,11 @@ class Evidence:
     @cached_property
     def needed(self) -> Needed:
         """What is to be asked next."""
-        if self.nothing_seen or self.grid.kinds is None:
+        if self.nothing_seen or self.movers is not None or self.grid.kinds is None:
             return Needed.NOTHING
-        if self.movers is not None:
-            return Needed.NOTHING if self.closest or self._is_settled(self.movers) else Needed.WINDOWS
-        if in_doubt(self.grid):
-            may_settle = self.grid.shares is not None and not has_moved(self.camera_moved)
-            return Needed.MOVERS if self.closest or may_settle else Needed.WINDOWS
-        return Needed.WINDOWS if is_close(self.grid) and not self.closest else Needed.NOTHING
+        if self.closest:
+            return Needed.MOVERS if in_doubt(self.grid) else Needed.NOTHING
+        return Needed.WINDOWS if in_doubt(self.grid) or is_close(self.grid) else Needed.NOTHING
 
     @property
     def camera_moved(self) -> float:
@@ -160,14 +149,6 @@ class Evidence:
         weight = np.asarray(grid.kinds[..., [SMEARED, BOTH]].sum(-1), float)
         measured = with_length(blur, grid, weight)
         return blur if measured.is_short else measured
-
-    def _is_settled(self, movers: Movers) -> bool:
-        """Whether networks, in the few cells of a look, plainly see a camera that stood still."""
-        moved = movers.camera_moved
-        stood = moved is not None and moved < PLAINLY_STOOD
-        is_open = OPEN_MOVER[0] <= movers.highest < OPEN_MOVER[1]
-        known = self.blur.kind is not BlurKind.CANNOT_TELL and not focus_is_open(self.blur, self._still_kinds)
-        return stood and not is_open and known
 
     @property
     def _still_kinds(self) -> NDArray[np.float64]:
@@ -289,26 +270,18 @@ def is_close(grid: SmearGrid) -> bool:
     """Whether the decision is so near a limit that reading all windows may change it."""
     if grid.kinds is None:
         return False
-    moved_share, smears = smeared_share(np.asarray(grid.kinds, float)), grid.smears()
+    kinds, smears = np.asarray(grid.kinds, float), grid.smears()
+    moved_share, blur = smeared_share(kinds), Evidence(grid=grid).blur
     if abs(moved_share - 0.5) < CLOSE_MOVED:
         return True
     if moved_share > 0.5:
-        blur, (_, _, smeared, both) = Evidence(grid=grid).blur, near_border(np.asarray(grid.kinds, float))
+        _, _, smeared, both = near_border(kinds)
         soft = (blur.defocus_px or 0.0) > DEFOCUSED_PX and both > CLOSE_BOTH * (smeared + both)
         return blur.kind is BlurKind.CAMERA_MOVED and soft
-    if focus_is_open(Evidence(grid=grid).blur, np.asarray(grid.kinds, float)):
-        return True
+    if blur.kind is BlurKind.OUT_OF_FOCUS and decide_kind(kinds, 0.0, False) is BlurKind.SHARP:
+        return True  # by its radius alone: all windows call 3 of 22 such photographs sharp
     sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * grid.sigma_px)
     return bool((sure & (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5)).mean() > SURE_SHARE)
-
-
-def focus_is_open(blur: Blur, kinds: NDArray[np.float64]) -> bool:
-    """Whether cells, of kinds (h, w, 5), are sharp, and the radius says that the lens is out of focus.
-
-    All windows call 3 of 22 photographs sharp of which a look says so.
-    """
-    sharp = decide_kind(kinds, 0.0, camera_moved=False) is BlurKind.SHARP
-    return sharp and blur.kind is BlurKind.OUT_OF_FOCUS
 
 
 def too_short(matches: SmearMatches) -> bool:

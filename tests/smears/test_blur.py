@@ -168,30 +168,10 @@ def test_a_focus_is_close_where_cells_call_sharp_what_the_radius_calls_out_of_fo
     assert not is_close(grid(within(1, 1)))
 
 
-def test_a_look_asks_for_networks_where_cells_differ_or_for_more_windows_if_they_cannot_read_it() -> None:
-    for closest in (False, True):
-        assert Evidence(grid=grid(within(2, 0)), closest=closest).needed is Needed.MOVERS
-        assert Evidence(grid=grid(within(0, 0)), closest=closest).needed is Needed.NOTHING
-    of_others = replace(grid(within(2, 0)), shares=None)  # of a network that is not ours
-    assert Evidence(grid=of_others, closest=False).needed is Needed.WINDOWS
-    moved = grid(within(0, 2))  # which networks hardly ever settle in a look
-    assert Evidence(grid=moved, closest=False).needed is Needed.WINDOWS
-    assert Evidence(grid=moved, closest=True).needed is Needed.MOVERS
-
-
-@pytest.mark.parametrize(
-    ("camera_moved", "highest", "is_settled"),
-    [(0.1, 0.01, True), (0.1, 0.9, True), (0.1, 0.2, False), (0.4, 0.9, False), (0.9, 0.9, False)],
-)
-def test_networks_settle_a_look_where_they_plainly_see_that_the_camera_stood_still(
-    camera_moved: float, highest: float, is_settled: bool
-) -> None:
-    kinds = within(2, 0)
-    cells = 1.0 * (kinds == 2) * (highest > 0.5)
-    movers = Movers(cells=cells, share=cells.mean(), highest=highest, camera_moved=camera_moved)
-    seen = Evidence(grid=grid(kinds), closest=False, movers=movers)
-    assert seen.needed is (Needed.NOTHING if is_settled else Needed.WINDOWS)
-    assert replace(seen, closest=True).needed is Needed.NOTHING
+def test_a_look_asks_for_all_windows_and_these_for_networks_where_cells_differ() -> None:
+    for every, expected in ((False, Needed.WINDOWS), (True, Needed.MOVERS)):
+        assert Evidence(grid=grid(within(2, 0)), closest=every).needed is expected
+        assert Evidence(grid=grid(within(0, 0)), closest=every).needed is Needed.NOTHING
 
 
 def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:
