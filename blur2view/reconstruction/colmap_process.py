@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from blur2view.errors import RunError
 from blur2view.processes import follow_parent, not_started, spawn_context
 
-WATCH_S = 1.0  # between looks at how far the process is
+WATCH_S = 1.0  # at most between looks at how far the process is
 
 
 class Told(NamedTuple):
@@ -20,7 +20,8 @@ def in_process(
 ) -> Any:
     """Return what a function returns that a process of its own runs: Ctrl-C, which pycolmap ignores, ends it.
 
-    Meanwhile ``watch`` is called every `WATCH_S`, with what the function has told last (`tell`), or 0.
+    Meanwhile ``watch`` is called with what the function has told last (`tell`), or 0: when it tells anything,
+    and at least every `WATCH_S`.
     RunError if the process dies, or cannot be started.
     """
     import pycolmap
@@ -37,12 +38,12 @@ def in_process(
     told = 0
     try:
         while True:
-            if not answers.poll(WATCH_S):
-                watch(told)
-            elif isinstance(result := answers.recv(), Told):
+            if answers.poll(WATCH_S):
+                result = answers.recv()
+                if not isinstance(result, Told):
+                    break
                 told = result.done
-            else:
-                break
+            watch(told)
     except EOFError:
         remedy = "choose fewer frames with --frames"
         raise RunError(f"COLMAP's process died, perhaps because of too little memory; {remedy}") from None
