@@ -49,7 +49,7 @@ from blur2view.reconstruction.outcome import Reconstruction, shown_frames
 from blur2view.reconstruction.read_once import KeptSmears
 from blur2view.reconstruction.reconstruct import _digest, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
-from blur2view.reconstruction.static_points import StaticPoints
+from blur2view.reconstruction.static_points import Sighted, StaticPoints
 from blur2view.reconstruction.timeline import timeline
 from blur2view.reconstruction.trainer import write_transforms
 from blur2view.smears.grid import SmearGrid
@@ -540,6 +540,17 @@ def test_what_shows_points_of_the_model_as_the_rest_does_stands_still(
     wider[40:120, 20:200] = True
     left = points.without_static(name, wider)
     assert (left ^ (moving & (not shown))).mean() < (0.12 if recovered else 0.05)
+
+
+def test_a_mover_without_keypoints_stays_although_its_mask_reaches_over_points_beside_it(video: Path) -> None:
+    points, moving = StaticPoints(video / "model", ()), np.zeros(PLANE.render(2).shape[:2], bool)
+    moving[40:120, 60:160] = True
+    every = points.sighted(PLANE.names[2])
+    x, y = every.pixels.T
+    on_it = (x > 62) & (x < 157) & (y > 42) & (y < 117)
+    points.sighted = lambda name: Sighted(every.pixels[~on_it], every.seen[~on_it])  # type: ignore[method-assign]
+    assert moving[np.rint(y[~on_it]).astype(int), np.rint(x[~on_it]).astype(int)].any()
+    assert np.array_equal(points.without_static(PLANE.names[2], moving), moving)
 
 
 @pytest.mark.parametrize(("first", "count", "masked_frames"), [(2, 1, 0), (3, 1, 0), (2, 2, 7), (3, 2, 7)])
