@@ -161,11 +161,13 @@ class _Reader:
 
     def __init__(self, video: Path) -> None:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
+        self.timed = True
         self.count = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))  # as announced
         self.rate = float(self.capture.get(cv2.CAP_PROP_FPS))  # frames a second, 0 if unknown
         if not 1 <= self.count <= video.stat().st_size:  # a frame takes more than a byte
-            # a stream without a container, as x.h264: its rate is FFmpeg's guess
-            self.count, self.rate = len(_packet_times(_opened(video))), 0.0
+            # a stream without a container, as x.h264: its rate is FFmpeg's guess, and it may have no times
+            times = _packet_times(_opened(video))
+            self.count, self.rate, self.timed = len(times), 0.0, len(set(times)) == len(times)
         self.shown_s = 0.0  # stamp of the current frame
 
     def read(self, number: int) -> NDArray[np.uint8]:
@@ -179,6 +181,8 @@ class _Reader:
     def time_s(self, number: int) -> float | None:
         """Return the time of a frame by its stamp, or else by the frames a second."""
         self._go_to(number)
+        if not self.timed:
+            return None
         if number == 0 or self.shown_s > 0:
             return max(self.shown_s, 0.0)
         return number / self.rate if self.rate > 0 else None

@@ -165,6 +165,30 @@ def test_a_stream_without_a_container_has_frames_but_no_rate(tmp_path: Path, nam
         frame_numbers(clip, last=0.2)
 
 
+@pytest.mark.parametrize("step_ms", [0, 40])
+def test_frames_of_a_stream_have_all_a_time_or_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_ms: int
+) -> None:
+    def opened(path: Path) -> SimpleNamespace:
+        numbers, shown = iter(range(3)), [0]
+
+        def grab() -> bool:
+            shown.append(next(numbers, -1))
+            return shown[-1] >= 0
+
+        return SimpleNamespace(
+            get=lambda key: step_ms * shown[-1] if key == cv2.CAP_PROP_POS_MSEC else 0,
+            set=lambda key, value: True,
+            grab=grab,
+        )
+
+    monkeypatch.setattr(video, "_opened", opened)
+    clip = tmp_path / f"{step_ms}.h264"
+    clip.write_bytes(bytes(3))
+    times = [video.frame_time(clip, k) for k in range(3)]
+    assert times == ([0.0, 0.04, 0.08] if step_ms else [None] * 3)
+
+
 def test_a_video_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
     for light in (40, 200):
         frame = np.full((64, 80, 3), light, np.uint8)
