@@ -25,7 +25,7 @@ EDGE = 0.0125
 # board that moves before the same wall masks had an IoU of 0.38 with the true ones (precision 0.50), and have
 # 0.53 (0.89). These chose the next three numbers. 11 frames of DAVIS's dance-twirl have 0.37 (before: 0.36).
 SAME_SHARE = 0.3  # of that share, from which on it stands still there
-NEAREST = 16  # keypoints in a part that say so of a pixel
+NEAREST = 16  # keypoints in a part that say so of a pixel; nothing is said of a part with fewer
 MIN_REMAINS = 0.2  # of a part's pixels: what remains in smaller pieces is chance
 GRID_PX = 640  # of the longer side, at most, on which a part is judged
 LATTICE_PX = 16  # between pixels that stand for the keypoints of a frame that has only those of its points
@@ -70,7 +70,7 @@ class StaticPoints:
         """Return a mask (H, W) of what moves in a frame without what stands still.
 
         Of each connected part stays where fewer of the nearest keypoints in it, not at its edge, show a point
-        than elsewhere, and what has none. Small remains go.
+        than elsewhere, and all of it if it has few. Small remains go.
         """
         sighted, step = self.sighted(name), max(1, max(moving.shape) // GRID_PX)
         count, parts = cv2.connectedComponents(moving.astype(np.uint8))
@@ -82,11 +82,11 @@ class StaticPoints:
         static = np.zeros(moving[::step, ::step].shape, bool)
         for k in range(1, count):
             own, rows_columns = (part == k) & inner, np.argwhere(parts[::step, ::step] == k)
-            if not own.any() or not len(rows_columns):
+            if own.sum() < NEAREST or not len(rows_columns):
                 continue
             seen, tree = sighted.seen[own], cKDTree(sighted.pixels[own])
-            _, nearest = tree.query(step * rows_columns[:, ::-1], k=min(NEAREST, len(seen)))
-            share = seen[nearest].reshape(len(rows_columns), -1).mean(axis=1)
+            _, nearest = tree.query(step * rows_columns[:, ::-1], k=NEAREST)
+            share = seen[nearest].mean(axis=1)
             still = np.zeros(static.shape, bool)
             still[tuple(rows_columns.T)] = share >= SAME_SHARE * usual
             static |= still | _small((parts[::step, ::step] == k) & ~still, MIN_REMAINS * len(rows_columns))

@@ -542,12 +542,16 @@ def test_what_shows_points_of_the_model_as_the_rest_does_stands_still(
     assert (left ^ (moving & (not shown))).mean() < (0.12 if recovered else 0.05)
 
 
-def test_a_mover_without_keypoints_stays_although_its_mask_reaches_over_points_beside_it(video: Path) -> None:
+@pytest.mark.parametrize("left", [0, 3])
+def test_a_mover_with_few_keypoints_stays_although_its_mask_reaches_over_points_beside_it(
+    video: Path, left: int
+) -> None:
     points, moving = StaticPoints(video / "model", ()), np.zeros(PLANE.render(2).shape[:2], bool)
     moving[40:120, 60:160] = True
     every = points.sighted(PLANE.names[2])
     x, y = every.pixels.T
     on_it = (x > 62) & (x < 157) & (y > 42) & (y < 117)
+    on_it[np.flatnonzero(on_it & every.seen)[:left]] = False
     points.sighted = lambda name: Sighted(every.pixels[~on_it], every.seen[~on_it])  # type: ignore[method-assign]
     assert moving[np.rint(y[~on_it]).astype(int), np.rint(x[~on_it]).astype(int)].any()
     assert np.array_equal(points.without_static(PLANE.names[2], moving), moving)
