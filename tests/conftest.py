@@ -38,9 +38,11 @@ def pytest_report_header() -> list[str]:
 def pytest_collection() -> Iterator[None]:
     """Collect without collecting garbage: what modules hold stays, and no later round goes through it."""
     gc.disable()
-    yield
-    gc.freeze()
-    gc.enable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -52,7 +52,8 @@ MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 SPLINE_TAIL = 2.0  # factor of a spline's median error: some frames are shaken much farther than most
 TOO_FEW = "too few of its neighbours' points are found in it"
 NO_FIT = "no motion fits what is found in it"
-TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES} frame intervals, by their numbers"
+# also half a frame before and after it
+TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES - 1} frame intervals, by their numbers"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

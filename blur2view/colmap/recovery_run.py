@@ -3,7 +3,6 @@
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import fields
@@ -152,15 +151,14 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
     reader = network.path if isinstance(network, SmearNetwork) else network
     prepare_args = sequence.source, sequence.folder, list(sequence.times), reader, list(sequence.aside)
     pool = processes(count, _prepare, prepare_args, stop=stop)
-    pending: list[Future[Any]] = []
 
     def of_each(work: Callable[[FrameSequence, str], Any], names: Sequence[str]) -> Iterator[Any]:
         poses = dict(sequence.poses)
         try:
-            pending[:] = [pool.submit(_of_one, work, name, poses) for name in names]
+            pending = [pool.submit(_of_one, work, name, poses) for name in names]
         except OSError as error:
             raise not_started(error) from None
-        for future in list(pending):
+        for future in pending:
             yield future.result()
 
     try:
@@ -168,10 +166,8 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
     except BrokenProcessPool:
         raise RunError("a process died, perhaps because of too little memory; add --jobs 1") from None
     finally:
-        for future in pending:
-            future.cancel()
+        pool.shutdown(wait=False, cancel_futures=True)  # by its own thread: `Future.cancel` would break that
         stop.set()
-        pool.shutdown(wait=False)
 
 
 _SEQUENCE: list[FrameSequence] = []  # of a process that was started

@@ -70,7 +70,7 @@ def map_frames(
         if models and models[0].num_reg_images() >= MIN_REGISTERED * len(names):
             break
     if not models:
-        why = why_no_model(work / "matches_0.db", way)
+        why = why_no_model(work / "matches_0.db", way, weak=any(there.glob("*/images.bin")))
         raise DatabaseError(f"{folder}: COLMAP made no model of {len(names)} frames: {why}")
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
@@ -248,8 +248,11 @@ def copied(database: Path, copy: Path) -> Path:
     return Path(shutil.copyfile(database, copy))
 
 
-def why_no_model(database: Path, way: float) -> str:
-    """Return why COLMAP made no model of a database, with a remedy; ``way`` is how far the picture moved."""
+def why_no_model(database: Path, way: float, *, weak: bool) -> str:
+    """Return why COLMAP made no model of a database, with a remedy.
+
+    ``way`` is how far the picture moved; ``weak`` says that there were models, but of too few points.
+    """
     features = [count for (count,) in _rows(database, "SELECT rows FROM keypoints")]
     if not features or np.median(features) < MIN_FEATURES:
         return "half of the frames have fewer than 100 features; use more light, or film things with texture"
@@ -260,6 +263,8 @@ def why_no_model(database: Path, way: float) -> str:
         return "no two frames show the same things sharply; move more slowly, or raise --frames"
     if np.mean(np.isin(pairs, PANORAMIC)) > 0.5:
         return "the camera only turned, or saw a single plane; move it sideways past the scene"
+    if weak:
+        return f"a model has under {MIN_OBSERVED} points a frame; use more light, or film things with texture"
     return "no two frames were taken far enough apart; move the camera sideways past the scene"
 
 

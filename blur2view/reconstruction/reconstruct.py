@@ -116,7 +116,7 @@ def reconstruct(
     options, video, folder = options or ReconstructionOptions(), Path(video), Path(folder)
     if Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(video)):
         raise OutputError(
-            f"{folder}: is the folder of the frames, or lies in it; name another folder with -o"
+            f"{folder}: is the video, or lies in the folder of its frames; name another folder with -o"
         )
     listed = dict(list_frames(video))
     if options.camera:  # which is checked before anything is written

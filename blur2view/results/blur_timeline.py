@@ -55,18 +55,18 @@ def smears_over_time(frames: Sequence[Seen]) -> str:
     colours = dict(zip(kinds, KIND_COLOURS * (1 + len(kinds) // len(KIND_COLOURS)), strict=False))
     parts = list(plot.axes("px"))
     for frame in frames:
-        x, y = plot.x(frame), plot.y(frame.smear_px or 0.0)
+        x = plot.x(frame)
         if frame.chosen:
             parts.append(f'<path d="M{x:.1f} {plot.bottom + 3}v7" stroke="currentColor" stroke-width="1.5"/>')
-        title = f"{frame.name}: {frame.kind} {frame.smear_px or 0:.1f} px {frame.fate} {frame.reason}".strip()
         if frame.smear_px is not None:
+            y = plot.y(frame.smear_px)
+            title = f"{frame.name}: {frame.kind} {frame.smear_px:.1f} px {frame.fate} {frame.reason}".strip()
             parts.append(f'<path d="M{x:.1f} {plot.bottom}V{y:.1f}" stroke="#ddd"/>')
             parts.append(_linked(frame, mark(x, y, frame.fate, colours[frame.kind], title)))
-        elif frame.fate == "left out":
-            parts.append(mark(x, plot.bottom, frame.fate, "#999", title))
-    if any(frame.chosen for frame in frames):
-        parts.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">ticks: chosen</text>')
-    fates = [fate for fate in FATES if any(frame.fate for frame in frames)]
+    notes = ["ticks: chosen"] * any(frame.chosen for frame in frames)
+    notes += ["frames without a mark were not measured"] * (len(known) < len(frames))
+    parts.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 12}" text-anchor="middle">{"; ".join(notes)}</text>')
+    fates = [fate for fate in FATES if any(frame.fate == fate for frame in known)]
     legend = ""
     for place, fate in enumerate(fates):
         x = MARGIN + 16 + 120 * place

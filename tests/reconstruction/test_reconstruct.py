@@ -8,12 +8,13 @@ import pickle
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -144,7 +145,7 @@ def test_a_state_that_was_changed_is_refused_in_one_line(tmp_path: Path) -> None
 
 
 def test_a_scene_among_the_frames_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="is the folder of the frames, or lies in it"):
+    with pytest.raises(OutputError, match="is the video, or lies in the folder of its frames"):
         reconstruct(tmp_path, tmp_path / "scene")
     assert not (tmp_path / "scene").exists()
 
@@ -653,6 +654,28 @@ def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
     made = reconstruct(video / "frames", tmp_path / "scene", OPTIONS, jobs=1)
     assert made.recovered == whole.recovered and colmap[before:] == ["find", "match", "map"]
     assert contents(tmp_path / "scene") == contents(whole.folder)
+
+
+@pytest.mark.parametrize(
+    ("features", "way", "configs", "weak", "why"),
+    [
+        (50, 1.0, [], False, "fewer than 100 features"),
+        (500, 0.01, [], True, "the camera stood still"),
+        (500, 1.0, [], False, "no two frames show the same things"),
+        (500, 1.0, [6, 6, 2], True, "the camera only turned"),
+        (500, 1.0, [2, 2], True, "under 30 points a frame"),
+        (500, 1.0, [2, 2], False, "far enough apart"),
+    ],
+)
+def test_why_there_is_no_model_is_told_by_features_motion_pairs_and_points(
+    tmp_path: Path, features: int, way: float, configs: list[int], weak: bool, why: str
+) -> None:
+    with closing(sqlite3.connect(tmp_path / "matches.db")) as opened, opened:
+        opened.execute("CREATE TABLE keypoints (rows INTEGER)")
+        opened.execute("CREATE TABLE two_view_geometries (config INTEGER, rows INTEGER)")
+        opened.execute("INSERT INTO keypoints VALUES (?)", (features,))
+        opened.executemany("INSERT INTO two_view_geometries VALUES (?, 20)", [(one,) for one in configs])
+    assert why in mapping.why_no_model(tmp_path / "matches.db", way, weak=weak)
 
 
 @pytest.mark.parametrize(

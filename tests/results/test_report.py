@@ -12,6 +12,7 @@ from PIL import Image
 
 import blur2view
 from blur2view.records.record import Record
+from blur2view.results.blur_timeline import Seen, smears_over_time
 from blur2view.results.report import SIDE_PX, Section, report, section
 
 FAILED = Record(name="b.jpg", error="b.jpg: is no <picture>")
@@ -64,6 +65,15 @@ def test_of_a_video_it_shows_smears_and_turning_over_time(
     assert page.count('<a href="#photo-1"><circle') == pictures
     degrees = np.degrees(0.01 * 3**0.5)
     assert (f"a.mp4/000001: {degrees:.3g} +/- " in page) == (pictures == 2)
+
+
+def test_a_frame_that_was_not_measured_has_no_mark_of_its_smear() -> None:
+    frames = [
+        Seen(name=f"f_{k}", number=k, kind="sharp", smear_px=smear) for k, smear in enumerate((3.0, None))
+    ]
+    picture = smears_over_time(frames)
+    assert "f_0: sharp 3.0 px" in picture and "f_1" not in picture and "were not measured" in picture
+    assert "were not measured" not in smears_over_time(frames[:1])
 
 
 def test_layers_are_pictures_of_one_size_that_checkboxes_show_and_words_explain(entry: Entry) -> None:
