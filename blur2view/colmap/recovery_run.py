@@ -166,8 +166,8 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
     except BrokenProcessPool:
         raise RunError("a process died, perhaps because of too little memory; add --jobs 1") from None
     finally:
+        stop.set()  # while its processes are there: it waits until they have seen it
         pool.shutdown(wait=False, cancel_futures=True)  # by its own thread: `Future.cancel` would break that
-        stop.set()
 
 
 _SEQUENCE: list[FrameSequence] = []  # of a process that was started
