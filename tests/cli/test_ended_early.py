@@ -146,3 +146,27 @@ def test_ctrl_c_within_an_import_that_makes_an_error_of_it_is_one(module: str, w
     pressed = PRESSED_IN.format(module=module, signal="signal.SIGINT", words=words)
     done = subprocess.run([sys.executable, "-c", pressed], capture_output=True, text=True, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "blur2view: interrupted\n")
+
+
+LOST = """
+import os, signal, sys, time
+from blur2view.__main__ import program
+from blur2view.cli import commands
+
+class Freed:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+def main():
+    Freed()  # Python raises nothing that happens while it is freed
+    time.sleep(60)
+
+commands.main = main
+sys.exit(program())
+"""
+
+
+@SIGNALS
+def test_ctrl_c_while_an_object_is_freed_is_not_lost() -> None:
+    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "blur2view: interrupted\n")
