@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.colmap.blur_matching import equalised
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
 from blur2view.images.inputs import Source, encode_png, frame_file, list_photographs
@@ -27,6 +28,11 @@ FEW = 60  # frames of a camera that moves, up to which all are chosen
 # 0.063, 0.023 and 0.016), and by 0.06, 0.03 and 0.03 steps (before: 0.09, 0.02 and 0.03).
 MAX_MAPPED_PX = 8.0, 12.0
 MIN_SHARP = 0.4  # share of the chosen frames that must be sharper for one of these to hold
+# A camera stood still where so many corners of its sharpest frame are at most so far, of the longer side,
+# from their places in every other one. COLMAP calls a pair planar where 0.8 of its matches fit a homography,
+# and begins with points that are seen at 4 degrees; in a picture of 60 degrees this way is a third of one.
+STILL_CORNERS, STILL_MOVE = 0.8, 0.005
+CORNERS, FEWEST_CORNERS, CORNERS_APART = 600, 60, 0.02  # the last of the longer side
 
 
 class Frame(NamedTuple):
@@ -105,10 +111,35 @@ def looked_at(
         yield Frame(name, place if source.frame is None else source.frame, gradient_energy(grey), moved)
 
 
+def stood_still(images: Sequence[Path]) -> bool:
+    """Return whether the camera that took these did not move, but for what moves by itself in a small part.
+
+    False where that cannot be known, as of pictures with few corners.
+    """
+    greys = map(_grey_of_photograph, images)
+    grey = next(greys)
+    first, side = equalised(np.asarray(grey, np.float32)), max(grey.shape)
+    corners = cv2.goodFeaturesToTrack(grey, CORNERS, 0.005, CORNERS_APART * side)
+    if corners is None or len(corners) < FEWEST_CORNERS:
+        return False
+    for other in (equalised(np.asarray(grey, np.float32)) for grey in greys):
+        if other.shape != first.shape:
+            return False
+        found, good, _ = cv2.calcOpticalFlowPyrLK(first, other, corners, np.empty_like(corners))
+        near = np.linalg.norm(found - corners, axis=2) <= STILL_MOVE * side
+        if np.mean(near & (good == 1)) < STILL_CORNERS:
+            return False
+    return True
+
+
 def _grey(source: Source) -> AnyArray:
     if source.frame is not None:
         return np.asarray(cv2.cvtColor(read_frame(source.path, source.frame), cv2.COLOR_BGR2GRAY))
-    levels = read_picture(source.path, as_stored=True).levels()
+    return _grey_of_photograph(source.path)
+
+
+def _grey_of_photograph(path: Path) -> AnyArray:
+    levels = read_picture(path, as_stored=True).levels()
     return np.asarray(np.rint(255 * cv2.cvtColor(levels, cv2.COLOR_RGB2GRAY)), np.uint8)
 
 
@@ -137,10 +168,15 @@ def chosen(frames: Sequence[Frame], limit: int) -> list[Frame]:
     return list(best.values())
 
 
-def sharp_enough(names: Sequence[str], smear_px: Mapping[str, float | None]) -> list[str]:
-    """Return the chosen frames that COLMAP gets, by their smears; all, if most of them are long."""
-    for longest_px in MAX_MAPPED_PX:
+def sharp_enough(names: Sequence[str], smear_px: Mapping[str, float | None]) -> list[list[str]]:
+    """Return sets of chosen frames for COLMAP by smears: larger ones where one makes no good model.
+
+    The last has all, and is the only one if the smears of most are long.
+    """
+    found = list[list[str]]()
+    for longest_px in (*MAX_MAPPED_PX, np.inf):
         sharp = [name for name in names if (smear_px[name] or 0.0) <= longest_px]
-        if len(sharp) >= max(MIN_FRAMES, MIN_SHARP * len(names)):
-            return sharp
-    return list(names)
+        enough = len(sharp) >= max(MIN_FRAMES, MIN_SHARP * len(names)) or len(sharp) == len(names)
+        if enough and sharp not in found:
+            found.append(sharp)
+    return found

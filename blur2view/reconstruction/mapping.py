@@ -32,6 +32,7 @@ LOOP_STEP = 10  # one in so many frames is matched with all others of these, whi
 MIN_OBSERVED = 30  # points in the mean frame of a model: as many as COLMAP asks for to register a frame
 MIN_FEATURES = 100  # in the median frame; fewer are too little texture
 STILL_WAY = 0.02  # of the picture's side: a camera whose picture moves less all the while stood still
+STOOD_STILL = "the camera stood still; move it sideways past the scene"
 PANORAMIC = (4, 5, 6)  # COLMAP's configurations of planes, rotations, and either
 
 
@@ -40,15 +41,20 @@ def nobody(done: int, count: int) -> None:
 
 
 def map_frames(
-    folder: Path, names: Sequence[str], options: ReconstructionOptions, way: float, step: Step
+    folder: Path, sets: Sequence[Sequence[str]], options: ReconstructionOptions, way: float, step: Step
 ) -> dict[str, Any]:
-    """Write COLMAP's database and its largest model; DatabaseError if it makes none."""
-    work, images, models = folder / WORK, folder / IMAGES, list[Any]()
-    camera = options.for_colmap(read_picture(images / names[0], as_stored=True).size)
-    for blurred, again in product((False, True), (False, True)):
+    """Write COLMAP's database and its largest model; DatabaseError if it makes none.
+
+    The ``sets`` of frames, the sharpest first, are tried until most frames of one are registered; at last the
+    first one is read as `blurred_options` says. The largest model is taken.
+    """
+    work, images, models, best = folder / WORK, folder / IMAGES, list[Any](), sets[0]
+    camera = options.for_colmap(read_picture(images / best[0], as_stored=True).size)
+    tries = [*((number, names, False) for number, names in enumerate(sets)), (len(sets), sets[0], True)]
+    for (number, names, blurred), again in product(tries, (False, True)):
         if again and options.mapper == "global":
             continue
-        database, there = work / f"matches_{blurred:d}.db", work / "models"
+        database, there = work / f"matches_{number}.db", work / "models"
         if not again:
             of_which = " of blurred frames" if blurred else ""
             with step(f"finding features{of_which}") as show:
@@ -57,7 +63,7 @@ def map_frames(
             with step(f"matching features{of_which}") as show:
                 match(database, names, blurred=blurred, show=show)
         else:  # on a copy, because the mapper may change it, and a killed call begins with the first one
-            database = copied(database, work / f"matches_{blurred:d}_again.db")
+            database = copied(database, work / f"matches_{number}_again.db")
         with step("mapping" + (" again" if again else "")) as show:
             shutil.rmtree(there, ignore_errors=True)
             known = bool(options.camera)
@@ -65,17 +71,17 @@ def map_frames(
                 database, images, there, mapper=options.mapper, camera_known=known, again=again, show=show
             )
         if found and (not models or found[0].num_reg_images() > models[0].num_reg_images()):
-            models = found
+            models, best = found, names
             shutil.copyfile(database, work / "best.db")
         if models and models[0].num_reg_images() >= MIN_REGISTERED * len(names):
             break
     if not models:
         why = why_no_model(work / "matches_0.db", way, weak=any(there.glob("*/images.bin")))
-        raise DatabaseError(f"{folder}: COLMAP made no model of {len(names)} frames: {why}")
+        raise DatabaseError(f"{folder}: COLMAP made no model of {len(sets[-1])} frames: {why}")
     write_model(models[0], work / "model", images, folder / DATABASE)
     (work / "best.db").replace(folder / DATABASE)
     largest, *others = (set(registered_images(model)) for model in models)
-    return {"others": [len(other - largest) for other in others if other - largest]}
+    return {"mapped": list(best), "others": [len(other - largest) for other in others if other - largest]}
 
 
 def _stretched(images: Path, copies: Path, names: Sequence[str]) -> Path:
@@ -257,7 +263,7 @@ def why_no_model(database: Path, way: float, *, weak: bool) -> str:
     if not features or np.median(features) < MIN_FEATURES:
         return "half of the frames have fewer than 100 features; use more light, or film things with texture"
     if way < STILL_WAY:
-        return "the camera stood still; move it sideways past the scene"
+        return STOOD_STILL
     pairs = [config for (config,) in _rows(database, "SELECT config FROM two_view_geometries WHERE rows > 0")]
     if not pairs:
         return "no two frames show the same things sharply; move more slowly, or raise --frames"

@@ -18,7 +18,7 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.colmap import transforms
-from blur2view.errors import ImageError, OutputError
+from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.files import locked, quick_digest, unwritable, writable_folder, write_file
 from blur2view.images.inputs import Source
 from blur2view.networks.model_file import usable_cores
@@ -30,9 +30,10 @@ from blur2view.reconstruction.frames import (
     list_frames,
     looked_at,
     sharp_enough,
+    stood_still,
     stored_size,
 )
-from blur2view.reconstruction.mapping import map_frames
+from blur2view.reconstruction.mapping import STOOD_STILL, map_frames
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.outcome import Reconstruction, shown_frames
@@ -173,14 +174,14 @@ class _Making:
         best: list[str] = first["chosen"]
         kept = [frame.name for frame in frames] if options.all_frames else best
         scene.step("images", [f"{IMAGES}/{name}" for name in kept], partial(self._write_images, kept))
+        scene.step("standing", [], partial(self._refuse_standing, frames, best))
         reading = partial(
             blur_of_frames, self.folder / IMAGES, kept, self.work / "look.jsonl", self.network, self.step
         )
         seen = scene.step("look", [], reading)
         smears: dict[str, float | None] = {name: values[1] for name, values in seen.items()}
-        mapped = sharp_enough(best, smears)
         way = sum(frame.moved for frame in frames)
-        mapping = partial(map_frames, self.folder, mapped, options, way, self.step)
+        mapping = partial(map_frames, self.folder, sharp_enough(best, smears), options, way, self.step)
         counts = scene.step("map", [f"{WORK}/model/images.bin", DATABASE], mapping)
         recovering = partial(recover_missing, self.folder, kept, self.network, self.jobs, self.step)
         found = scene.step("recover", [f"{SPARSE}/images.bin", f"{EXPOSURES}/images.bin"], recovering)
@@ -188,7 +189,7 @@ class _Making:
             folder=self.folder,
             looked_at=tuple(frame.name for frame in frames),
             chosen=tuple(best),
-            mapped=tuple(mapped),
+            mapped=tuple(counts["mapped"]),
             registered=tuple(found["registered"]),
             recovered=tuple(found["recovered"]),
             refused=found["refused"],
@@ -226,6 +227,14 @@ class _Making:
                 if not path.is_file():  # one that is there is whole
                     write_file(path, colmap_content(self.listed[name]))
         return len(names)
+
+    def _refuse_standing(self, frames: list[Frame], names: list[str]) -> None:
+        """Raise DatabaseError if the camera stood still, of which COLMAP makes no model."""
+        with self.step("looking whether the camera moves"):
+            some = [frame for frame in frames if frame.name in set(names)]
+            some.sort(key=lambda frame: -frame.energy)
+            if stood_still([self.folder / IMAGES / frame.name for frame in some]):
+                raise DatabaseError(f"{self.folder}: COLMAP can make no model: {STOOD_STILL}")
 
     def _masked(self, result: Reconstruction, names: list[str]) -> tuple[str, ...] | None:
         """Return the frames in which anything moves by itself, after writing masks; None if nobody asked."""

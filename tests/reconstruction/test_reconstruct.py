@@ -43,6 +43,7 @@ from blur2view.reconstruction.frames import (
     list_frames,
     plain_names,
     sharp_enough,
+    stood_still,
 )
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
@@ -96,14 +97,40 @@ def test_of_a_camera_that_stands_still_a_few_are_chosen() -> None:
 @pytest.mark.parametrize(
     ("smears", "mapped"),
     [
-        ([1, 5, 8, 9, 12, 20], "abc"),
-        ([1, 5, 9, 10, 12, 20], "abcde"),
-        ([1, 13, 13, 20, 20, 20], "abcdef"),
-        ([None, 5, 8, 9], "abc"),
+        ([1, 5, 8, 9, 12, 20], ["abc", "abcde", "abcdef"]),
+        ([1, 5, 9, 10, 12, 20], ["abcde", "abcdef"]),
+        ([1, 13, 13, 20, 20, 20], ["abcdef"]),
+        ([None, 5, 8, 9], ["abc", "abcd"]),
+        ([9, 9], ["ab"]),
     ],
 )
-def test_colmap_gets_the_sharpest_of_the_chosen_frames(smears: list[float | None], mapped: str) -> None:
-    assert sharp_enough("abcdef"[: len(smears)], dict(zip("abcdef", smears, strict=False))) == [*mapped]
+def test_colmap_gets_the_sharpest_of_the_chosen_frames(smears: list[float | None], mapped: list[str]) -> None:
+    sets = sharp_enough("abcdef"[: len(smears)], dict(zip("abcdef", smears, strict=False)))
+    assert ["".join(names) for names in sets] == mapped
+
+
+@pytest.mark.parametrize(("moved", "stood"), [(0, True), (1, True), (2, False)])
+def test_a_camera_stood_still_if_no_frame_moved_from_the_sharpest(
+    tmp_path: Path, moved: int, stood: bool
+) -> None:
+    rng, picture, paths = np.random.default_rng(0), PLANE.render(0)[..., 0].astype(float), list[Path]()
+    for k in range(4):
+        shift = moved * (k == 2)
+        noisy = np.roll(picture, shift, axis=1) * (1 - 0.1 * k) + rng.normal(scale=2, size=picture.shape)
+        paths.append(tmp_path / f"f_{k}.png")
+        cv2.imwrite(str(paths[-1]), np.clip(noisy, 0, 255).astype(np.uint8))
+    assert stood_still(paths) == stood
+
+
+def test_where_most_moves_by_itself_or_nothing_is_to_be_seen_no_camera_stood_still(tmp_path: Path) -> None:
+    picture = PLANE.render(0)
+    other = picture.copy()
+    other[:, 80:] = np.roll(picture, 20, axis=0)[:, 80:]
+    for name, content in {"a": picture, "b": other, "c": np.full_like(picture, 90)}.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), content)
+    assert stood_still([tmp_path / "a.png"] * 2)
+    assert not stood_still([tmp_path / "a.png", tmp_path / "b.png"])
+    assert not stood_still([tmp_path / "c.png"] * 2)
 
 
 def test_a_step_is_done_again_with_all_after_it_if_its_files_are_gone(tmp_path: Path) -> None:
@@ -231,16 +258,13 @@ def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
         reconstruct(tmp_path / "a.png", tmp_path / "scene")
 
 
-def test_a_camera_that_stands_still_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mapping, "in_process", lambda call, *given, watch: call(*given))
+def test_a_camera_that_stands_still_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = PLANE.render(0)
     (tmp_path / "frames").mkdir()
     for k in range(3):
         cv2.imwrite(str(tmp_path / "frames" / f"f_{k}.png"), picture)
     mapped = call_program(capsys, "reconstruct", tmp_path / "frames", "-o", tmp_path / "scene")
-    assert mapped == 1 and "COLMAP made no model of 3 frames: the camera stood still; " in mapped.err
+    assert mapped == 1 and "COLMAP can make no model: the camera stood still; " in mapped.err
     assert not (tmp_path / "scene" / "transforms.json").exists()
 
 
@@ -262,7 +286,7 @@ def test_features_of_dull_frames_are_found_in_stretched_copies(
     monkeypatch.setattr(mapping, "mapped", lambda *given, **options: [])
     with pytest.raises(DatabaseError, match="no model of 1 frames"):
         mapping.map_frames(
-            tmp_path, ["f.png"], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
+            tmp_path, [["f.png"]], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
         )
     assert contrast[0] == pytest.approx(dull.std()) and contrast[1] > 1.5 * contrast[0]
 
@@ -459,11 +483,29 @@ def test_a_model_that_is_too_small_is_tried_again_before_frames_are_read_anew(
     monkeypatch.setattr(mapping, "mapped", mapped)
     before = len(colmap)
     mapping.map_frames(
-        tmp_path, PLANE.names, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
+        tmp_path, [PLANE.names], OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
     )
     assert tries == [False, True] and colmap[before:] == ["find", "match"]
     assert len(mapping._rows(tmp_path / "work" / "matches_0.db", "SELECT name FROM images")) == 7
     assert (tmp_path / "database.db").read_bytes() == b"with another focal length"
+
+
+def test_more_frames_are_mapped_where_few_of_the_sharpest_are_registered(
+    video: Path, tmp_path: Path, colmap: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(video / "frames", tmp_path / "images")
+    (tmp_path / "work").mkdir()
+    two = pycolmap.Reconstruction(video / "model")
+    for image in list(two.images.values())[2:]:
+        two.deregister_frame(image.frame_id)
+    models = {"matches_0.db": [two], "matches_1.db": [pycolmap.Reconstruction(video / "model")]}
+    monkeypatch.setattr(mapping, "mapped", lambda database, *given, **options: models.get(database.name, []))
+    sets = PLANE.names[:6], PLANE.names
+    found = mapping.map_frames(
+        tmp_path, sets, OPTIONS, 1.0, lambda text: nullcontext(lambda done, count: None)
+    )
+    assert found["mapped"] == PLANE.names
+    assert len(mapping._rows(tmp_path / "database.db", "SELECT name FROM images")) == 7
 
 
 def contents(scene: Path) -> dict[str, bytes]:
@@ -634,7 +676,7 @@ def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
     whole: Reconstruction, video: Path, tmp_path: Path, colmap: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps, noted, before = (
-        ["choose", "images", "look", "map", "recover", "transforms"],
+        ["choose", "images", "standing", "look", "map", "recover", "transforms"],
         Scene.step,
         len(colmap),
     )
