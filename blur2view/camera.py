@@ -22,12 +22,15 @@ MAX_SIDE = 1 << 20  # pixels; far above, COLMAP's own numbers overflow
 FOCAL_PX = (0.1, 1e7)  # bounds of focal lengths; a telescope of 10 m before pixels of 2 um has 5e6
 FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
+CAMERA_FORM = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
 NO_RAYS = ("INVALID", "EQUIRECTANGULAR")  # models of pycolmap whose rays do not meet a plane
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
-SHORTEST_S = 2.0**-32  # that a fraction of EXIF states; other types of a tag state less, and rates overflow
+SHORT_S, LONG_S = 1e-9, 2.0
+"""Bounds of exposure times in seconds: rates of a shorter one may overflow; a longer one needs its unit,
+because it is probably stated in milliseconds."""
 EXIF_LOG_FOCAL = 0.1  # standard deviation of EXIF's log focal length (bound): rounded, or of cropped pictures
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
 
@@ -165,10 +168,7 @@ class Camera:
             model, wide, high, *values = text.replace(",", " ").split()
             width, height, params = int(wide), int(high), tuple(map(float, values))
         except ValueError:
-            form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
-            raise CameraError(
-                f"camera {text!r}: is neither a database nor a camera of the form {form}"
-            ) from None
+            raise CameraError(f"camera {text!r}: is not {CAMERA_FORM}") from None
         return cls.from_colmap(colmap_camera(model.upper(), width, height, params), "camera string")
 
     @classmethod
@@ -332,7 +332,7 @@ def read_exif(photo: Image.Image) -> ExifValues:
     return ExifValues(
         focal_px=focal_px,
         focal_tags=focal_tags,
-        exposure_s=_positive(tags, "ExposureTime", SHORTEST_S),
+        exposure_s=_positive(tags, "ExposureTime", SHORT_S),
         rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
     )
 

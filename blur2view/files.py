@@ -152,9 +152,13 @@ def check_file(target: Path, inputs: Collection[str] = (), *, option: str = "-o"
     """Refuse, before any work, to write a file that would replace what blur2view did not write.
 
     OutputError, which proposes the ``option``, if it is one of the ``inputs`` (real paths), not a regular
-    file, differs from what was noted (`note`), or was not noted and has no signature.
+    file, differs from what was noted (`note`), was not noted and has no signature, or has an impossible name.
     """
     remedy = f"name another with {option}"
+    if error := impossible(target):
+        raise OutputError(f"{target}: cannot be written ({error.strerror}); {remedy}")
+    if target.is_dir():
+        raise OutputError(f"{target}: is a folder; name a file with {option}")
     if (real := os.path.realpath(target)) in inputs:
         raise OutputError(f"{target}: would replace an input of this call; {remedy}")
     if os.path.lexists(real) and not os.path.isfile(real):  # or it is a link to itself
@@ -167,6 +171,17 @@ def check_file(target: Path, inputs: Collection[str] = (), *, option: str = "-o"
         raise OutputError(
             f"{target}: already exists and was not written by blur2view; move it away, or {remedy}"
         )
+
+
+def impossible(path: Path) -> OSError | None:
+    """Return why the system has no such path, as one with too long a name; None if one may be made there."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        return error
+    return None
 
 
 def note(digests: Mapping[Path, str]) -> None:
@@ -230,6 +245,8 @@ def writable_folder(folder: Path) -> Path:
 
     What killed calls left half written in the folder is removed. OutputError if nothing can be written there.
     """
+    if error := impossible(folder):
+        raise unwritable(folder, error)
     there = next(above for above in (folder, *folder.absolute().parents) if os.path.lexists(above))
     try:
         with tempfile.TemporaryFile(dir=there):  # of a name that no other process uses

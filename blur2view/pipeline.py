@@ -8,9 +8,9 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.arrays import AnyArray, require
-from blur2view.camera import Camera
+from blur2view.camera import LONG_S, SHORT_S, Camera
 from blur2view.geometry.pose import AngularVelocity
-from blur2view.geometry.rolling_shutter import LONG_S, SHORT_S, RollingShutter
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_picture
 from blur2view.images.pixels import as_photograph, unusable_size

@@ -70,7 +70,7 @@ def test_a_camera_without_rays_in_a_plane_is_refused_when_it_is_made() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("nonsense", "neither"),
+        ("nonsense", "is not MODEL WIDTH HEIGHT PARAMS"),
         ("SIMPLE_RADIAL 640 480 525 320 240", "SIMPLE_RADIAL has 4 numbers .f, cx, cy, k., got 3"),
         ("EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR has no rays in a plane; known are .*RADIAL"),
         ("RADIAN 640 480 640 480", "RADIAN is an unknown model; did you mean RADIAL"),

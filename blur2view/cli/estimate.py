@@ -3,12 +3,13 @@
 import io
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Folder, InTime, Order
-from blur2view.cli.parser import flag, rare_option
+from blur2view.cli.parser import file_path, flag, rare_option
 from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
 from blur2view.cli.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.terminal import reason_line, verdict_line
@@ -68,9 +69,11 @@ class EstimateOptions(Command):
     document: Document = Document()
     order: Order = Order()
     in_time: InTime = InTime()
-    gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow;
+    gyroflow: Annotated[Path | None, file_path] = (
+        rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow;
         name FILE like the video, with the ending .gcsv. It needs --focal or --camera, and holds the frames
         whose order in time is known""")
+    )
 
     kernels: bool = flag("""--kernels: also write the blur kernels of the photograph and of its cells, for
         programs that deconvolve; they go into DIR/<stem>.kernels.npz""")

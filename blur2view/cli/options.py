@@ -10,10 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from blur2view.camera import Camera, ExifValues
+from blur2view.camera import CAMERA_FORM, Camera, ExifValues
 from blur2view.cli.parser import (
     dask_address,
     exposure_s,
+    file_path,
     flag,
     focal_px,
     frame_or_seconds,
@@ -23,7 +24,7 @@ from blur2view.cli.parser import (
     seconds,
     whole,
 )
-from blur2view.colmap.project import camera_of_database, database_named
+from blur2view.colmap.project import camera_of_database, check_cameras, database_named
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
@@ -63,6 +64,11 @@ class Reading:
         "--to FRAME: last frame to take of a video, a number or a time"
     )
 
+    def __post_init__(self) -> None:
+        if type(self.first) is type(self.last) and self.first > (self.last or 0):
+            unit = "s" if isinstance(self.first, float) else ""
+            raise ValueError(f"--from {self.first:g}{unit} comes after --to {self.last:g}{unit}; swap them")
+
     def inputs(self) -> Inputs:
         """Return the photographs that are named; ImageError if a list cannot be read."""
         frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
@@ -92,8 +98,20 @@ class CameraStated:
     def __post_init__(self) -> None:
         if self.focal is not None:
             Camera.from_focal(self.focal, (1, 1))  # which checks it
-        if self.camera is not None and self.camera != "exif" and self.database is None:
-            Camera.from_string(self.camera)
+        if self.camera is not None and self.camera != "exif":
+            self._check(self.camera)
+
+    def _check(self, camera: str) -> None:
+        """Raise CameraError, before any photograph is read, if a string or a database has no such camera."""
+        if (stored := database_named(camera)) is None:
+            if len(camera.replace(",", " ").split()) == 1:
+                why = f"is neither exif, nor a database that is there, nor {CAMERA_FORM}"
+                raise CameraError(f"camera {camera!r}: {why}")
+            Camera.from_string(camera)
+        elif stored[1] is not None:
+            camera_of_database(*stored)
+        else:
+            check_cameras(stored[0])
 
     @property
     def database(self) -> Path | None:
@@ -244,9 +262,11 @@ class Folder:
 class Table:
     """Output."""
 
-    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph; - writes it to
+    csv: Annotated[Path | None, file_path] = (
+        option("""--csv FILE: write a table with a row for each photograph; - writes it to
         standard output in place of the summaries. "blur2view triage --help-all" names its columns. The table
         of an earlier call is replaced, unless you have changed it""")
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,7 +284,8 @@ class Command:
     folder, document = Folder(), Document()  # likewise
     exit_codes = {
         "0": "done",
-        "1": "at least one photograph failed; each has a line on stderr, and all others are done",
+        "1": "at least one photograph failed; each has a line on stderr, and the results of all others are "
+        "written. Or the call could not begin, or not go on, as on a full disk; the last line says why",
         "130": "interrupted by Ctrl-C; the files of photographs that are done are kept",
     }
     columns: ClassVar[Sequence[str] | None] = None  # of --csv: all

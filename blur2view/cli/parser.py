@@ -8,6 +8,7 @@ description. Options that a class lists as ``either`` exclude each other.
 import argparse
 import inspect
 import math
+import os
 import re
 import shutil
 import sys
@@ -20,9 +21,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
+from blur2view.camera import LONG_S, SHORT_S
 from blur2view.cli.terminal import EXIT_CODES, printable
 from blur2view.errors import CameraError
-from blur2view.geometry.rolling_shutter import LONG_S, SHORT_S
 
 SHORT = re.compile(r"; |\. |, see below| \(default")  # where the first words of an explanation end
 DEFAULT = re.compile(r"\((default: (?:%\(default\)|[^,;)])+)")
@@ -130,7 +131,15 @@ def frame_or_seconds(text: str) -> int | float:
     """Return the number of a frame, or a time in seconds as a float."""
     if text.isdecimal():
         return int(text)
-    return quantity("a frame as 120 or a time as 12.5s", lambda _, unit: unit, s=1)(text)
+    expected = "a frame counted from 0, as 120, or a time with its unit, as 12.5s"
+    return quantity(expected, lambda _, unit: unit, ms=1000, s=1)(text)
+
+
+def file_path(text: str) -> Path:
+    """Return the path of a file to write; a slash at its end would name a folder."""
+    if text.endswith(("/", os.sep)):
+        raise ArgumentTypeError(f"expected a file, got the folder {text}")
+    return Path(text)
 
 
 def neighbours(text: str) -> int | float:

@@ -45,6 +45,7 @@ class PlaceOptions:
         "blur2view place project.db model frames -o with_views",
         "blur2view to-transforms with_views",
     )
+    exit_codes = {"1": "failed; stderr has a line with the reason, and nothing is written"}
     tables = {"what is written": WRITTEN}
 
     def execute(self) -> int:

@@ -101,14 +101,12 @@ class ReconstructOptions:
         "130": "interrupted by Ctrl-C; the same call goes on",
     }
 
-    def execute(self) -> int:
-        """Return the exit code, after making the scene."""
-        import pycolmap
+    def __post_init__(self) -> None:
+        self.scene_options()  # which checks them
 
-        from blur2view.reconstruction.reconstruct import reconstruct
-
-        pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
-        options = ReconstructionOptions(
+    def scene_options(self) -> ReconstructionOptions:
+        """Return what the scene is made by; ValueError or CameraError of what cannot be used."""
+        return ReconstructionOptions(
             frames=self.frames,
             all_frames=self.all_frames,
             camera_model=self.camera_model,
@@ -118,9 +116,17 @@ class ReconstructOptions:
             exposure_s=self.exposure,
             masks=self.masks,
         )
+
+    def execute(self) -> int:
+        """Return the exit code, after making the scene."""
+        import pycolmap
+
+        from blur2view.reconstruction.reconstruct import reconstruct
+
+        pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
         step = partial(waiting, hidden=self.printing.quiet)
         try:
-            made = reconstruct(self.video, self.output, options, jobs=self.jobs, step=step)
+            made = reconstruct(self.video, self.output, self.scene_options(), jobs=self.jobs, step=step)
         except KeyboardInterrupt:
             complain(RunError("interrupted; the same call goes on"))
             return INTERRUPTED

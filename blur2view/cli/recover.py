@@ -88,7 +88,7 @@ class RecoverOptions:
         "blur2view to-transforms with_views",
     )
     exit_codes = {
-        "1": "failed, or no frame could be recovered; stderr has the cause, and nothing is written",
+        "1": "failed, or no frame could be recovered; stderr has the cause",
         "130": "interrupted by Ctrl-C; what is recovered so far is written, and the same call goes on",
     }
     tables = {"what is written": WRITTEN, "where every frame is blurred": EVERY_FRAME_BLURRED}

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from blur2view import __version__
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime, Order
-from blur2view.cli.parser import option
+from blur2view.cli.parser import file_path, option
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.summary import print_summary, print_table, print_total
 from blur2view.cli.terminal import printable, reason_line, verdict_line
@@ -28,7 +29,7 @@ class ReportOptions(Command):
     Of a video it begins with the smears over time and, where the focal length is known, the turning.
     """
 
-    output: Path = option(
+    output: Annotated[Path, file_path] = option(
         """-o, --output HTML: HTML file to write (default: %(default)s); the page of an earlier call is
         replaced, unless every photograph fails""",
         Path("report.html"),

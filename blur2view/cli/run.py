@@ -140,12 +140,12 @@ class Run:
         itself. It ends early, after a line that says how to go on, if it is interrupted or nothing can be
         done any more, as on a full disk. ModelError or OutputError of what cannot be used.
         """
+        self._check(targets, checked)
+        self._name_ignored()
         start, count = time.monotonic(), len(self.jobs)
         places = {job.source: place for place, job in enumerate(self.jobs, 1)}
         try:
             with waiting(f"{self.noun}s", hidden=self.options.printing.quiet) as show:
-                self._check(targets, checked)
-                self._name_passed_over()
                 show(0, count)
                 with closing(self._results(work)) as results:
                     for job, outcome in results:
@@ -187,9 +187,17 @@ class Run:
         for folder in sorted({path.parent for path in (*paths, *written.values())}):
             writable_folder(folder)
 
-    def _name_passed_over(self) -> None:
-        """Print the videos that a folder's photographs stand before."""
-        if (videos := self.inputs.passed_over) and not self.options.printing.quiet:
+    def _name_ignored(self) -> None:
+        """Print which options are for videos alone where none is named, and which videos are not read."""
+        if self.options.printing.quiet:
+            return
+        reading = self.options.reading
+        chosen = {"--every": reading.every > 1, "--from": reading.first > 0, "--to": reading.last is not None}
+        of_frames = [option for option, is_given in chosen.items() if is_given]
+        if of_frames and not any(job.source.frame is not None or job.source.refusal for job in self.jobs):
+            said = f"{', '.join(of_frames)}: no video is named whose frames could be chosen"
+            complain(RunError(f"{said}; all photographs are read"))
+        if videos := self.inputs.passed_over:
             more = f" and {len(videos) - 1} more" if len(videos) > 1 else ""
             what = "a video beside photographs is" if not more else "videos beside photographs are"
             complain(RunError(f"{videos[0]}{more}: {what} not read; name it to read its frames"))

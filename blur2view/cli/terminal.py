@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141  # exit codes
 EXIT_CODES = {
     "0": "done",
-    "1": "failed, with one line on stderr; nothing is written",
-    "2": "wrong usage",
+    "1": "failed; stderr has the reason, of many photographs a line for each, and the others are done",
+    "2": "wrong usage, or a camera that cannot be used; nothing is done",
     "130": "interrupted by Ctrl-C; no file is left unfinished",
     "141": "the output pipe was closed early, for example by head; the rest is not done",
 }

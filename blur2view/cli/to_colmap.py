@@ -4,12 +4,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Document, Order
-from blur2view.cli.parser import flag, rare_option, required
+from blur2view.cli.parser import file_path, flag, rare_option, required
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.summary import print_failure, print_table, print_written_table
 from blur2view.cli.terminal import plural, printable, waiting
@@ -66,7 +66,9 @@ class ToColmapOptions(Command):
     yours, and "blur2view place" puts them into its model.
     """
 
-    db: Path = required("--db DB: COLMAP database to write; it must be new, unless --link adds to it")
+    db: Annotated[Path, file_path] = required(
+        "--db DB: COLMAP database to write; it must be new, unless --link adds to it"
+    )
     link: bool = flag("--link: add the views to a database that has the photographs and their features")
     order: Order = Order()
     document: Document = Document()
@@ -76,7 +78,7 @@ class ToColmapOptions(Command):
 
     exit_codes = Command.exit_codes | {
         "1": "at least one photograph failed; each has a line on stderr, and the views of all others are "
-        "written",
+        "written. Or the call could not begin or go on; the last line says why, and nothing is written",
         "130": "interrupted by Ctrl-C; nothing is written",
     }
     examples = (

@@ -80,6 +80,7 @@ class ToTransformsOptions:
         "blur2view to-transforms with_views --masks-from masks -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
     )
+    exit_codes = {"1": "failed; stderr has a line with the reason, and transforms.json is not written"}
     tables = {"what is written": KEYS}
 
     def __post_init__(self) -> None:

@@ -15,11 +15,11 @@ import numpy as np
 from blur2view.cli.choosing import Candidates, Chosen, Pictures
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
-from blur2view.cli.parser import Length, flag, length, neighbours, option, radius
+from blur2view.cli.parser import Length, file_path, flag, length, neighbours, option, radius
 from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.summary import print_counts, print_summary, print_table
-from blur2view.cli.terminal import verdict_line
-from blur2view.errors import ImageError, OutputError
+from blur2view.cli.terminal import complain, verdict_line
+from blur2view.errors import ImageError, OutputError, RunError
 from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_times
@@ -69,7 +69,7 @@ class TriageOptions(Command):
     """
 
     either = ("blurred", "best", "every_best")
-    keep: Path | None = option("--keep LIST: write the list of photographs to keep")
+    keep: Annotated[Path | None, file_path] = option("--keep LIST: write the list of photographs to keep")
     extract: Path | None = option("""--extract DIR: write the photographs to keep into a folder, frames of
         videos as PNG""")
     blurred: bool = flag("""--blurred: also keep blurred photographs that a geometry explains, which takes
@@ -102,7 +102,7 @@ class TriageOptions(Command):
     tables = {
         "uses": USES,
         "columns of --csv": {name: text for name, text in explanations(flat=True).items() if name in LOOK},
-        "columns of --csv that other commands add": {
+        "columns that the tables of other commands add behind these": {
             name: text for name, text in explanations(flat=True).items() if name not in LOOK
         },
         "what is written": LIST,
@@ -112,6 +112,11 @@ class TriageOptions(Command):
         super().__post_init__()
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what is kept; add --keep LIST or --extract DIR")
+        for name, path in {"keep": self.keep, "csv": self.table.csv}.items():
+            if self.extract and path and Path(os.path.abspath(self.extract)) in path.absolute().parents:
+                raise ValueError(
+                    f"--{name} must lie outside of the folder of --extract, which has pictures alone"
+                )
 
     def execute(self) -> int:
         """Return the exit code, after looking at every photograph and writing table, list and pictures.
@@ -123,6 +128,7 @@ class TriageOptions(Command):
             run.jobs = [_listable(job) for job in run.jobs]
         if self.extract is not None:
             refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
+        self._name_frames(run)
         if all(map(self.compares_gradients, run.jobs)):
             run.looked_at = Candidates(self._groups(run.jobs))
         with nullcontext() if self.extract is None else Pictures(self.extract) as pictures:
@@ -133,6 +139,13 @@ class TriageOptions(Command):
             if run.done and not run.early_exit_code:
                 self._write(run, chosen.kept(), pictures)
         return run.exit_code
+
+    def _name_frames(self, run: Run) -> None:
+        """Say on stderr that COLMAP cannot read a list of frames of videos, which get no files."""
+        of_video = next((job.name for job in run.jobs if job.source.frame is not None), "")
+        if self.keep is not None and of_video and self.extract is None and not self.printing.quiet:
+            why = f"names frames of videos, as {of_video}, which blur2view reads and COLMAP does not"
+            complain(RunError(f"{self.keep}: {why}; --extract DIR writes them as files"))
 
     def _write(self, run: Run, kept: Sequence[Job], pictures: Pictures | None) -> None:
         """Write list and pictures, and print the closing line."""

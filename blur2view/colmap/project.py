@@ -213,6 +213,17 @@ def database_named(text: str) -> tuple[Path, int | None] | None:
     return (Path(text), None) if looks_like_one else None
 
 
+def check_cameras(path: Path) -> None:
+    """Raise CameraError if a database cannot be read or has no camera, or if its only one is damaged."""
+    try:
+        with open_read_only(path) as database:
+            count = len(database.execute("SELECT camera_id FROM cameras LIMIT 2").fetchall())
+    except DatabaseError as error:
+        raise CameraError(str(error)) from None
+    if count < 2:
+        camera_of_database(path)
+
+
 def camera_of_database(
     path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
 ) -> Camera:
@@ -261,7 +272,9 @@ def camera_of_database(
                 return read_camera(database, camera_id)
     except DatabaseError as error:
         raise CameraError(str(error)) from None
-    some = ", ".join(map(str, ids[:10])) if ids else "none"
+    if not ids:
+        raise CameraError(f"{path}: has no camera; name a database in which COLMAP has extracted features")
+    some = ", ".join(map(str, ids[:10]))
     if len(ids) > 10:
         some += " ..."
     wanted = f"no image {Path(image_name).name}" if camera_id is None else f"no camera {camera_id!r:.20}"

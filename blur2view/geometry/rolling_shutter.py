@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from blur2view.smears.matches import SmearMatches
 
 MAX_READOUT_S = 1.0  # bound: no electronic shutter is as slow
-SHORT_S = 1e-9  # bound: of a shorter exposure rates may overflow
-LONG_S = 2.0  # bound: a longer exposure is refused, as probably stated in milliseconds
 MIN_EXPOSURES = 0.1  # exposure times for which a point is recorded, at least: bound
 AROUND = 16  # nearest smears that decide the order of each, as without parallax some orders are undecided
 

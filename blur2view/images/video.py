@@ -86,8 +86,13 @@ def frame_numbers(
     )
     if numbers := range(begin, min(end, count - 1) + 1, every):
         return numbers
-    start, time_s = f"{first:g} s" if isinstance(first, float) else first, count / max(rate, 1)
-    raise ImageError(f"{video}: has {count} frames in {time_s:.1f} s, but none from {start} to {end}")
+    start, stop = (f"{one:g} s" if isinstance(one, float) else f"frame {one}" for one in (first, last))
+    if begin >= count:
+        of_time = f", which take {count / rate:.1f} s" if rate > 0 else ""
+        why = f"has {count} frames{of_time}, and none from {start} on; name an earlier one"
+    else:
+        why = f"{start} comes after {stop}; swap them"
+    raise ImageError(f"{video}: {why}")
 
 
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:

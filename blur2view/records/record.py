@@ -23,15 +23,13 @@ from blur2view.two_view.constants import TRANSLATION_RULE
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
 """Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
-FIRST = "name", "error", "use", "verdict", "blur", "blur_px", "smear_px", "defocus_px"
-"""Columns of a table that come first."""
 LOOK = (
-    *FIRST,
+    *("name", "error", "use", "verdict", "blur", "blur_px", "smear_px", "defocus_px"),
     *("smear_percent", "smear_sigma_px", "direction_deg", "defocus_sigma_px", "camera_moved", "moving_share"),
     *("nothing_seen", "width", "height", "frame", "timestamp_s", "exposure_s"),
     *("beta", "max_error_px", "seed", "version", "input_sha256", "options_sha256"),
 )
-"""Columns of the table of triage, which looks too briefly to fill others."""
+"""Columns of the table of triage, which looks too briefly to fill others: those of other commands follow."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
 TYPES = {
@@ -99,9 +97,15 @@ class Record:
     direction_deg: float | None = explained(
         "Direction of the smears, from x to y, 0 to 180; null if it varies."
     )
-    defocus_px: float | None = explained("Smallest radius of defocus in the picture, in pixels; 1 if sharp.")
+    defocus_px: float | None = explained(
+        """Radius in pixels of the disc to which the lens spreads a point, where the picture is in best focus:
+        1 or less if that is sharp."""
+    )
     defocus_sigma_px: float | None = explained("Standard deviation of this radius in pixels.")
-    moving_share: float | None = explained("Share of the picture that moves by itself; null if not computed.")
+    moving_share: float | None = explained(
+        """Part of the picture, 0 to 1, that moves by itself, as people and cars do; null if nobody looked:
+        segment always looks, other commands where it is in doubt whether the camera moved."""
+    )
     use: str = explained(
         "Use of the photograph: sharp, blurred (and explained by a geometry, if one was looked for), out of "
         "focus, unclear or unusable.",
@@ -318,7 +322,7 @@ def entries() -> Iterator[tuple[str, str, str]]:
 def explanations(*, flat: bool = False) -> dict[str, str]:
     """Return the explanations of the keys of JSON or, if ``flat``, of the columns of a table, in order."""
     texts = {name: text for name, kind, text in entries() if not flat or kind.split()[0] in FLAT}
-    return {name: texts[name] for name in dict.fromkeys([*FIRST, *texts])} if flat else texts
+    return {name: texts[name] for name in dict.fromkeys([*LOOK, *texts])} if flat else texts
 
 
 def table_text(rows: Iterable[Record], columns: Iterable[str] | None = None) -> bytes:

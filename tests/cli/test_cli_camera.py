@@ -1,14 +1,17 @@
 """``blur2view estimate`` with intrinsics: E, the pose and its rates in the document, and how it fails."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
 from blur2view.geometry.pose import rotation_vector
-from tests.support.calls import Call
+from tests.support.calls import Call, call_program
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import exif_of
 
@@ -60,6 +63,40 @@ def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> No
     np.testing.assert_allclose(document["F"], F / np.linalg.norm(F), atol=1e-9)
     np.testing.assert_allclose([document[f"w{axis}"] for axis in "xyz"], rotation_vector(R) / 0.05)
     assert document["rate_unit"] == "rad/s" and not document["time_known"]
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        *("PINHOLE 320 240 1e9 1e9 160 120", "nonsense", "absent.db", "absent.db:1", "empty.db"),
+        *("damaged.db", "damaged.db:1", "damaged.db:7"),
+    ],
+)
+def test_a_camera_that_cannot_be_used_is_wrong_usage_however_it_is_stated(
+    call: Call, photo: Path, here: Path, camera: str
+) -> None:
+    for name in ("damaged.db", "empty.db"):
+        pycolmap.Database.open(here / name).close()
+    with closing(sqlite3.connect(here / "damaged.db")) as database, database:
+        params = np.array([1e9, 1e9, 160, 120]).tobytes()
+        database.execute("INSERT INTO cameras VALUES (1, 1, 320, 240, ?, 1)", (params,))
+    for words in (["estimate", photo], ["to-colmap", photo, photo, "--db", "new.db"]):
+        done = call(*words, "--camera", camera)
+        assert done == 2 and done.out == "" and done.line.startswith(f"blur2view {words[0]}: ")
+    assert not Path("new.db").exists()
+
+
+@pytest.mark.parametrize("camera", ["PINHOLE 320 240 1e9 1e9 160 120", "nonsense"])
+def test_reconstruct_refuses_such_a_camera_alike(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, camera: str
+) -> None:
+    done = call_program(capsys, "reconstruct", tmp_path, "-o", tmp_path / "scene", "--camera", camera)
+    assert done == 2 and "camera '" in done.line
+
+
+def test_a_camera_of_another_shape_costs_one_photograph(call: Call, photo: Path, still: Path) -> None:
+    done = call("estimate", photo, still, "--camera", "PINHOLE 320 240 300 300 160 120")
+    assert done == 1 and f"{still}: camera (camera string) is for 320x240 pixels" in done.line
 
 
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:

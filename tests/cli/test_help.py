@@ -11,7 +11,7 @@ from blur2view.cli import commands as cli
 from blur2view.cli.estimate import EstimateOptions
 from blur2view.cli.options import Estimating, Printing, Reading
 from blur2view.cli.start import NETWORK_COMMANDS
-from blur2view.records.record import explanations
+from blur2view.records.record import LOOK, explanations
 from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]
@@ -60,6 +60,11 @@ def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.Ca
     short = call_program(capsys, command, "--help").out
     assert short.startswith(f"usage: blur2view {command} [OPTIONS] ")
     assert len(short) < len(text) and "--help-all" in short
+    if command == "triage":  # which names the columns of all tables, in their order
+        named = re.findall(
+            r"(?m)^  ([A-Za-z]\w+)  ", text[text.index("columns of --csv:") : text.index("what is")]
+        )
+        assert named == list(explanations(flat=True)) and tuple(named[: len(LOOK)]) == LOOK
     if command in ("estimate", "segment", "triage"):
         words = text.replace(",", " ").split()
         assert [key for key in explanations(flat=command == "triage") if key not in words] == []

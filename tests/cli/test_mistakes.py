@@ -34,6 +34,13 @@ MISTAKES = [
     ("triage @names.txt --keep names.txt", "would replace an input"),
     ("triage a.png --keep endless", "endless: is not a regular file"),
     ("estimate a.png -o new --csv notes.txt", "notes.txt: already exists and was not written by blur2view"),
+    ("estimate a.png --csv empty", "empty: is a folder; name a file with --csv"),
+    ("report a.png -o new/", "--output: expected a file, got the folder new/"),
+    (f"estimate a.png -o {'o' * 300}", "(File name too long); name another folder"),
+    (f"triage a.png --keep {'k' * 300}", "(File name too long); name another with --keep"),
+    ("triage a.png --extract new --keep new/k.txt", "--keep must lie outside"),
+    ("triage clip.mp4 --from 9s --to 2s", "--from 9s comes after --to 2s; swap them"),
+    ("triage clip.mp4 --from -5", "expected a frame counted from 0, as 120"),
     ("triage a.png --csv /dev/full", "/dev/full: is not a regular file"),
     ("estimate a.png --dask tls://127.0.0.1:9", "expected tcp://HOST:PORT"),
 ]

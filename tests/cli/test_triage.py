@@ -163,6 +163,23 @@ def test_extracted_are_the_best_of_every_few_and_nothing_of_others_is_replaced(
         (folder / name).unlink()
 
 
+def test_a_list_of_frames_says_that_colmap_needs_files_unless_they_are_written(
+    call: Call, tmp_path: Path
+) -> None:
+    clip, keep = write_clip(tmp_path / "clip.mp4", 4), tmp_path / "k.txt"
+    words = ("triage", clip, "--best", 1, "--keep", keep)
+    assert "--extract DIR writes them as files" in call(*words).line
+    assert call(*words, "--extract", tmp_path / "kept").err == call(*words, "-q").err == ""
+
+
+def test_options_that_choose_frames_are_named_where_there_is_no_video(
+    call: Call, still: Path, tmp_path: Path
+) -> None:
+    done = call("triage", still, "--from", "9s", "--every", 2)
+    assert done == 0 and "--every, --from: no video is named" in done.line
+    assert call("triage", write_clip(tmp_path / "clip.mp4", 4), "--every", 2, "--to", 3).err == ""
+
+
 def test_a_photograph_called_as_a_frame_replaces_none(call: Call, still: Path, tmp_path: Path) -> None:
     clip, folder = write_clip(tmp_path / "clip.mp4", 4), tmp_path / "kept"
     shutil.copy(still, photograph := tmp_path / "frame_00003.png")

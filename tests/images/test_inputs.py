@@ -143,7 +143,9 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
     video = write_video(tmp_path / "clip.mp4", 25)
     for first in (30, 1e308):
         (reason,) = refusals(listed(video, frames=partial(frame_numbers, first=first)))
-        assert f"has 25 frames in 2.5 s, but none from {first}" in reason
+        assert "has 25 frames, which take 2.5 s, and none from " in reason and f"{first:g}" in reason
+    (reason,) = refusals(listed(video, frames=partial(frame_numbers, first=2.0, last=5)))
+    assert "2 s comes after frame 5" in reason
     (tmp_path / "text.mp4").write_text("text")
     found = listed(tmp_path / "text.mp4", "a.jpg")
     assert "cannot be opened as a video" in found.sources[0].refusal and not found.sources[1].refusal
