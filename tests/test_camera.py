@@ -134,7 +134,7 @@ def test_camera_of_opencv_has_its_rays(count: int) -> None:
     assert found.known and found.source == "opencv"
 
 
-@pytest.mark.parametrize("stated", [1e-320, 0.0, -0.1, np.inf, np.nan])
+@pytest.mark.parametrize("stated", [1e-320, 5e-10, 0.0, -0.1, np.inf, np.nan])
 def test_an_impossible_exposure_time_of_exif_is_none(stated: float) -> None:
     tags = {ExifTags.Base.ExposureTime.value: stated}
     exif = SimpleNamespace(get_ifd=lambda _: tags, get=lambda _: None)

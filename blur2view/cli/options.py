@@ -51,10 +51,12 @@ class Reading:
     images: list[str] = required("""INPUT: photographs, folders, videos and animated GIFs, lists of them
         (@LIST), or - for a list from standard input; a folder stands for the photographs in it or, if it has
         none, for its videos. Photographs are JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM or TGA
-        files of 8 or 16 bits, and with the extras heic and raw also HEIC and RAW files. VIDEO/000120 names
-        one frame of a video by its number. A list has one name on each line, relative to the current folder
-        or else to the folder of the list; blank lines are skipped, and so are lines that begin with # unless
-        there is a file of that name. A photograph that is named twice is processed once""")
+        files of 8 or 16 bits, and with the extras heic and raw also HEIC and RAW files. A file of 16 bits
+        whose values have 8 is read as 8 bits, unless another one in its folder has higher values.
+        VIDEO/000120 names one frame of a video by its number. A list has one name on each line, relative to
+        the current folder or else to the folder of the list; blank lines are skipped, and so are lines that
+        begin with # unless there is a file of that name. A photograph that is named twice is processed
+        once""")
     recursive: bool = flag("--recursive: also read the subfolders of folders")
     every: int = option("--every N: take one frame in N of a video (default: all)", 1)
     first: Annotated[float, frame_or_seconds] = rare_option(

@@ -20,11 +20,11 @@ from blur2view.arrays import AnyArray, Floats
 from blur2view.camera import ExifValues, read_exif
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import open_picture, read_regular
+from blur2view.images.depth import in_least_bits
 from blur2view.images.pixels import (
     TOO_LARGE,
     as_floats,
     as_photograph,
-    in_least_bits,
     stored_from_upright,
     unusable_size,
     upright_from_stored,
@@ -143,7 +143,7 @@ def read_picture(
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         decoded, exif, orientation, upright = _decode(path, encoded, as_stored)
         try:
-            values = as_photograph(decoded)
+            values = as_photograph(decoded, path)
         except ValueError as error:
             raise ImageError(f"{path}: {error}; save it with 8 or 16 bits per channel") from None
         if upright == as_stored:
@@ -207,11 +207,15 @@ def _decode(
             _refuse_rare(path, getattr(photo, "tag_v2", {}), colour=colour)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
+            stated = [(tile[2], tile[3][1]) for tile in photo.tile if tile[0] == "ppm" and tile[3][1] > 255]
             orientation, exif = _stated_orientation(photo), read_exif(photo)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
-            decoded = (
-                _decode_deep(encoded, alpha=photo.has_transparency_data) if deep else photo
-            )  # loaded, so that it may be closed
+            decoded: AnyArray | Image.Image = photo  # loaded, so that it may be closed
+            if deep:
+                decoded = in_least_bits(_decode_deep(encoded, alpha=photo.has_transparency_data), path)
+            elif stated:
+                decoded = _decode_ppm(encoded, *stated[0], photo.size, colour=colour)
+                decoded = in_least_bits(decoded, path) if stated[0][1] == 65535 else decoded
             return decoded, exif, orientation, photo.format == "TIFF"
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {TOO_LARGE}") from None
@@ -240,7 +244,19 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> AnyArray:
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
     channels = 4 if alpha else 3
-    return in_least_bits(np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1))
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1)
+
+
+def _decode_ppm(
+    encoded: bytes, start: int, white: int, size: tuple[int, int], *, colour: bool
+) -> NDArray[np.uint16]:
+    """Return binary PPM (H, W, 3) or PGM (H, W) of a stated white above 255, which becomes 65535."""
+    width, height = size
+    shape = (height, width, 3) if colour else (height, width)
+    values = np.frombuffer(encoded, ">u2", int(np.prod(shape)), start).reshape(shape)
+    if white == 65535:
+        return values.astype(np.uint16)
+    return np.round(np.minimum(values, white) * (65535 / white)).astype(np.uint16)
 
 
 def _extra(path: Path, kind: str, module: str) -> Any:

@@ -1,6 +1,7 @@
 """Photographs as arrays: checked, scaled to floats in [0, 1], and brightened."""
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ from PIL import Image
 
 from blur2view.arrays import AnyArray, Array, Floats, white_level
 from blur2view.files import MAX_PIXELS
+from blur2view.images.depth import in_least_bits
 
 BACKDROP = np.float32(0.5)
 """Grey behind transparent pixels: its edges against an unknown photograph are the weakest."""
@@ -27,18 +29,19 @@ TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
+def as_photograph(image: AnyArray | Image.Image, path: Path | None = None) -> AnyArray:
     """Check a photograph and return it as an array (H, W, 3) or (H, W) with the bits it has.
 
     It is RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey: (H, W), (H, W, 1), (H, W, 3), (H, W, 4) with
-    alpha, which is composited over mid-grey; uint8, uint16 or floats in [0, 1]; or a picture of Pillow.
-    ValueError of anything else.
+    alpha, which is composited over mid-grey; uint8, uint16 or floats in [0, 1]; or a picture of Pillow, whose
+    other files in the folder of its ``path`` help to tell its white (`in_least_bits`). ValueError of
+    anything else.
     """
     if isinstance(image, Image.Image):
         mode = "RGBA" if image.has_transparency_data else "L" if image.mode in ("1", "L") else "RGB"
         deep = image.mode.startswith("I")  # 16 bits in either order of bytes, those of PGM in 32 bits
         image = _array_of(image, None if deep or image.mode in (mode, "F") else mode)
-        image = in_least_bits(image) if deep else image
+        image = in_least_bits(image, path) if deep else image
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
     if not image.dtype.isnative:
@@ -55,17 +58,6 @@ def as_photograph(image: AnyArray | Image.Image) -> AnyArray:
         image = np.asarray(image, np.float32)
     grey = image.shape[2:] == (1,) or (image.ndim == 3 and image.strides[2] == 0)  # or of equal channels
     return image[..., 0] if grey else image
-
-
-def in_least_bits(image: AnyArray) -> AnyArray:
-    """Return integers of a file as uint8 if they fit, as uint16 if not: nobody means 255 of 65535 as white.
-
-    ValueError of others, whose white no file states.
-    """
-    low, high = int(image.min()), int(image.max())
-    if low < 0 or high > 65535:
-        raise ValueError(f"its values go from {low} to {high}, so that its white is unknown")
-    return image.astype(np.uint8 if high <= 255 else np.uint16, copy=False)
 
 
 def _array_of(picture: Image.Image, mode: str | None) -> AnyArray:

@@ -205,6 +205,40 @@ def test_8_bits_in_a_wider_file_are_read_as_8_bits(tmp_path: Path, kind: type) -
     np.testing.assert_allclose(read_image(tmp_path / "a.tif")[..., 0], plane / 65535 * 200, atol=1e-6)
 
 
+@pytest.mark.parametrize("suffix", ["png", "tif", "pgm", "ppm"])
+def test_a_dark_frame_among_brighter_ones_of_16_bits_is_as_dark_as_they_say(
+    tmp_path: Path, suffix: str
+) -> None:
+    shape = (48, 64, 3) if suffix == "ppm" else (48, 64)
+    dark = (np.arange(np.prod(shape)).reshape(shape) % 250).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / f"a.{suffix}"), dark)
+    assert read_image(tmp_path / f"a.{suffix}").max() == pytest.approx(249 / 255)  # as nothing says otherwise
+    cv2.imwrite(str(tmp_path / f"b.{suffix}"), dark * 100)
+    assert read_image(tmp_path / f"a.{suffix}").max() == pytest.approx(249 / 65535)
+
+
+def test_what_is_dark_in_8_bits_as_well_is_as_dark_as_its_file_says(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "cap.png"), np.full((48, 64), 90, np.uint16))
+    assert read_image(tmp_path / "cap.png").max() == pytest.approx(90 / 65535)
+
+
+def test_8_bits_beside_an_alpha_of_16_are_read_as_8_bits(tmp_path: Path) -> None:
+    pixels = np.full((48, 64, 4), 65535, np.uint16)
+    pixels[..., :3] = 200
+    cv2.imwrite(str(tmp_path / "a.png"), pixels)
+    assert read_image(tmp_path / "a.png").max() == pytest.approx(200 / 255)
+
+
+@pytest.mark.parametrize(("kind", "channels"), [("P5", 1), ("P6", 3)])
+def test_portable_maps_have_all_bits_and_the_white_that_they_state(
+    tmp_path: Path, kind: str, channels: int
+) -> None:
+    values = (np.arange(48 * 64 * channels) % 200 + 12).astype(">u2")
+    (tmp_path / "a.pnm").write_bytes(f"{kind} 64 48 1023\n".encode() + values.tobytes())
+    expected = values.reshape(48, 64, channels) / 1023
+    np.testing.assert_allclose(read_image(tmp_path / "a.pnm")[..., :channels], expected, atol=1e-5)
+
+
 @pytest.mark.parametrize("scale", [-1, 1 << 20])
 def test_integers_of_unknown_white_are_refused_with_their_range(tmp_path: Path, scale: int) -> None:
     Image.fromarray(np.arange(32 * 32, dtype=np.int32).reshape(32, 32) * scale).save(tmp_path / "a.tif")

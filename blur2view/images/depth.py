@@ -1,0 +1,60 @@
+"""The value of white in files of more than 8 bits: that of the bits, unless the values have only 8."""
+
+import os
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import AnyArray
+from blur2view.files import is_ours, read_regular
+
+OTHERS = 8  # files of a folder that are looked at: bound
+MIN_BRIGHTEST = 128  # of a photograph that fills 8 bits: a darker one is read alike with either white (bound)
+
+
+def in_least_bits(image: AnyArray, path: Path | None = None) -> AnyArray:
+    """Return integers (H, W) or (H, W, C) of a file as uint8 if their values have 8 bits, as uint16 if not.
+
+    Where a program stores 8 bits in 16 without scaling them, no colour is above 255, and the brightest is not
+    far below. So it may be in a dark frame of 16 bits, too: a brighter file of 16 bits in the folder of the
+    ``path`` decides for 16. ValueError of values whose white no file states.
+    """
+    low, high = int(image.min()), int(image.max())
+    if low < 0 or high > 65535:
+        raise ValueError(f"its values go from {low} to {high}, so that its white is unknown")
+    brightest = int(image[..., :3].max()) if image.ndim == 3 else high
+    if not MIN_BRIGHTEST <= brightest <= 255 or (path is not None and others_are_deep(path)):
+        return image.astype(np.uint16, copy=False)
+    if high > 255:  # of alpha alone
+        image = np.concatenate([image[..., :3], image[..., 3:] // 257], axis=-1)
+    return image.astype(np.uint8)
+
+
+def others_are_deep(path: Path) -> bool:
+    """Return whether files of this suffix in the same folder have values above 255, as far as is looked."""
+    try:
+        changed_ns = os.stat(path.parent).st_mtime_ns
+    except OSError:
+        return False
+    return bool(path.suffix) and _has_deep(path.parent, path.suffix.lower(), changed_ns)
+
+
+@lru_cache(maxsize=64)
+def _has_deep(folder: Path, suffix: str, changed_ns: int) -> bool:
+    """Return the answer for a folder as it was changed last: each of its files asks."""
+    paths = [folder / name for name in sorted(os.listdir(folder)) if name.lower().endswith(suffix)]
+    return any(_highest(path) > 255 for path in paths[:: -(-len(paths) // OTHERS)])
+
+
+def _highest(path: Path) -> int:
+    """Return the highest colour of a file of 16 bits, 0 of any other, of damage, and of results."""
+    try:
+        content = np.frombuffer(b"" if is_ours(path) else read_regular(path), np.uint8)
+        pixels = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if len(content) else None
+    except (OSError, cv2.error, MemoryError):
+        return 0
+    if pixels is None or pixels.dtype == np.uint8:
+        return 0
+    return int(pixels[..., :3].max() if pixels.ndim == 3 else pixels.max())
