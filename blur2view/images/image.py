@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, Floats
 from blur2view.camera import ExifValues, read_exif
@@ -207,15 +207,15 @@ def _decode(
             _refuse_rare(path, getattr(photo, "tag_v2", {}), colour=colour)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
-            stated = [(tile[2], tile[3][1]) for tile in photo.tile if tile[0] == "ppm" and tile[3][1] > 255]
+            start, white = _start_and_white(photo)
             orientation, exif = _stated_orientation(photo), read_exif(photo)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             decoded: AnyArray | Image.Image = photo  # loaded, so that it may be closed
             if deep:
                 decoded = in_least_bits(_decode_deep(encoded, alpha=photo.has_transparency_data), path)
-            elif stated:
-                decoded = _decode_ppm(encoded, *stated[0], photo.size, colour=colour)
-                decoded = in_least_bits(decoded, path) if stated[0][1] == 65535 else decoded
+            elif white > 255:
+                decoded = _decode_ppm(encoded, start, white, photo.size, colour=colour)
+                decoded = in_least_bits(decoded, path) if white == 65535 else decoded
             return decoded, exif, orientation, photo.format == "TIFF"
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {TOO_LARGE}") from None
@@ -247,6 +247,12 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> AnyArray:
     return np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1)
 
 
+def _start_and_white(photo: ImageFile.ImageFile) -> tuple[int, int]:
+    """Return where the values of a binary PPM or PGM begin, and its white; 0 and 0 of any other file."""
+    stated: list[Any] = [tile for tile in photo.tile if tile[0] == "ppm"]
+    return (stated[0][2], int(stated[0][3][1])) if stated else (0, 0)
+
+
 def _decode_ppm(
     encoded: bytes, start: int, white: int, size: tuple[int, int], *, colour: bool
 ) -> NDArray[np.uint16]:
@@ -256,7 +262,7 @@ def _decode_ppm(
     values = np.frombuffer(encoded, ">u2", int(np.prod(shape)), start).reshape(shape)
     if white == 65535:
         return values.astype(np.uint16)
-    return np.round(np.minimum(values, white) * (65535 / white)).astype(np.uint16)
+    return np.asarray(np.round(np.minimum(values, white) * (65535 / white)), np.uint16)
 
 
 def _extra(path: Path, kind: str, module: str) -> Any:
