@@ -1,7 +1,9 @@
 """Types and constants of arrays that every room shares."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,14 @@ TINY = 1e-30
 def white_level(image: AnyArray) -> int:
     """Return the value of white in a picture of integers, or of floats in [0, 1]."""
     return int(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1
+
+
+def ranked(values: AnyArray, ranks: Sequence[int]) -> AnyArray:
+    """Return the values, of an array of any shape, that have these ranks; the least has rank 0."""
+    if values.dtype != np.uint8:
+        return np.asarray(np.partition(values, ranks, axis=None)[list(ranks)])
+    counts = cv2.calcHist([values.reshape(1, -1)], [0], None, [256], [0, 256])  # a tenth of the time
+    return np.searchsorted(np.cumsum(counts, dtype=float), ranks, side="right").astype(np.uint8)
 
 
 def require(name: str, value: object, kind: type, remedy: str) -> None:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from blur2view.arrays import AnyArray, Array, Floats, white_level
+from blur2view.arrays import AnyArray, Array, Floats, ranked, white_level
 from blur2view.files import MAX_PIXELS
 from blur2view.images.depth import in_least_bits
 
@@ -137,9 +137,9 @@ def over_backdrop(values: Floats) -> Floats:
 def brightness_gain(image: AnyArray, brightness: float = BRIGHT, samples: int = MIN_SAMPLES) -> float:
     """Return the factor, from 1 to `MAX_GAIN`, that brings a photograph's bright values to a brightness."""
     every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / samples)), 1)
-    values = image[::every, ::every].reshape(-1)
-    rank = min(int(QUANTILE * len(values)), len(values) - 1)
-    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_level(image)))
+    values = image[::every, ::every]
+    rank = min(int(QUANTILE * values.size), values.size - 1)
+    bright = float(np.float32(ranked(values, [rank])[0]) / np.float32(white_level(image)))
     return min(max(brightness / max(bright, 1e-6), 1.0), MAX_GAIN)
 
 

@@ -1,6 +1,7 @@
 """Files of networks: found, checked, opened and run by ONNX Runtime, beside one thread of other libraries."""
 
 import os
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import ContextDecorator
 from dataclasses import dataclass, field
@@ -86,6 +87,7 @@ class OneThread(ContextDecorator):
 
     def __init__(self) -> None:
         self._lock, self._inside = Lock(), 0
+        self._imported, self._libraries = 0, list[Any]()
 
     def __enter__(self) -> None:
         """Note the limits and set them to one."""
@@ -93,8 +95,10 @@ class OneThread(ContextDecorator):
             if not self._inside:
                 self._of_opencv = cv2.getNumThreads()
                 cv2.setNumThreads(1)
-                libraries = ThreadpoolController().select(user_api="blas").lib_controllers
-                self._of_blas = [(library, library.num_threads) for library in libraries]
+                if self._imported != len(sys.modules):  # to list the libraries of a process takes 1 ms
+                    self._imported = len(sys.modules)
+                    self._libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+                self._of_blas = [(library, library.num_threads) for library in self._libraries]
                 for library, _ in self._of_blas:
                     _set_threads(library, 1)
             self._inside += 1

@@ -11,7 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Floats, white_level
+from blur2view.arrays import AnyArray, Floats, ranked, white_level
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import CANNOT_TELL, SHORTEST_PX
 
@@ -99,7 +99,9 @@ def nothing_seen(image: AnyArray, grid: SmearGrid) -> str:
     every = max(int((image.shape[0] * image.shape[1] / SAMPLED) ** 0.5), 1)
     values, kinds_known = image[::every, ::every], knows_kinds(grid)
     exempt_share = OTHER if kinds_known else OTHER_UNKNOWN
-    low, high = np.quantile(values, (exempt_share, 1 - exempt_share)) / white
+    last = values.size - 1
+    exempt = int(exempt_share * last)
+    low, high = ranked(values, [exempt, last - exempt]).astype(float) / white
     if high < DARK and (not kinds_known or len(np.unique(values[values < DARK * white])) <= LEVELS):
         return TOO_DARK
     if low > BRIGHT:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from blur2view.arrays import ranked
 from blur2view.images import pixels
 from blur2view.images.pixels import MAX_GAIN, as_photograph, brightened, brightness_gain
 
@@ -42,3 +43,10 @@ def test_picture_of_pillow_is_the_same_in_strips_as_in_one_piece(
 def test_grey_in_three_equal_channels_of_one_memory_is_read_as_grey() -> None:
     grey = np.arange(6, dtype=np.uint8).reshape(2, 3)
     np.testing.assert_array_equal(as_photograph(np.broadcast_to(grey[..., None], (2, 3, 3))), grey)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_values_of_ranks_are_those_of_the_sorted_array(dtype: type) -> None:
+    values = np.random.default_rng(0).integers(0, 200, (31, 17, 3)).astype(dtype)[::2, ::2]
+    ranks = [0, 1, 200, values.size - 1]
+    assert (ranked(values, ranks) == np.sort(values, axis=None)[ranks]).all()
