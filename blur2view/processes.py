@@ -16,9 +16,8 @@ from blur2view.errors import RunError
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnContext
-
-WAIT_S = 0.5  # between looks of a process whether its parent is there, where it may be told to end
 
 
 def is_child() -> bool:
@@ -45,11 +44,16 @@ def not_started(error: OSError) -> RunError:
 
 
 def processes(
-    count: int, prepare: Callable[..., None] | None = None, args: tuple[Any, ...] = (), *, stop: Any = None
+    count: int,
+    prepare: Callable[..., None] | None = None,
+    args: tuple[Any, ...] = (),
+    *,
+    stop: "Connection | None" = None,
 ) -> "ProcessPoolExecutor":
     """Return an executor of processes, each of which is prepared by ``prepare(*args)``.
 
-    They end when ``stop`` is set, an event of `spawn_context`, whatever they are doing.
+    They end when the other end of the pipe ``stop`` is closed, whatever they are doing. (Who sets an event
+    waits for ever for a process that was killed while it waited for the event.)
     """
     from concurrent.futures import ProcessPoolExecutor
 
@@ -58,7 +62,7 @@ def processes(
     )
 
 
-def _begin(stop: Any, prepare: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
+def _begin(stop: "Connection | None", prepare: Callable[..., None] | None, args: tuple[Any, ...]) -> None:
     """Prepare a process."""
     follow_parent(stop)
     cv2.setNumThreads(1)
@@ -66,22 +70,17 @@ def _begin(stop: Any, prepare: Callable[..., None] | None, args: tuple[Any, ...]
         prepare(*args)
 
 
-def follow_parent(stop: Any = None) -> None:
-    """Leave Ctrl-C to the parent of this process, and end with it, or when the event ``stop`` is set."""
+def follow_parent(stop: "Connection | None" = None) -> None:
+    """Leave Ctrl-C to the parent of this process, and end with it, or when the pipe ``stop`` is closed."""
     signal(SIGINT, SIG_IGN)
     Thread(target=_end_with_parent, args=(stop,), daemon=True).start()
 
 
-def _end_with_parent(stop: Any) -> None:
+def _end_with_parent(stop: "Connection | None") -> None:
     """End this process when it is told to, or its parent is gone: nobody would take its results."""
-    from multiprocessing import parent_process
+    from multiprocessing import connection, parent_process
 
     parent = parent_process()
-    if stop is not None:
-        while not stop.wait(WAIT_S) and parent is not None and parent.is_alive():
-            pass
-    elif parent is not None:
-        parent.join()
-    else:
-        return
-    os._exit(1)
+    if parent is not None:
+        connection.wait([parent.sentinel] if stop is None else [parent.sentinel, stop])
+        os._exit(1)

@@ -147,7 +147,7 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
     if count < 2:
         yield lambda work, names: (work(sequence, name) for name in names)
         return
-    stop, network = spawn_context().Event(), sequence.network
+    network, (stop, end) = sequence.network, spawn_context().Pipe(duplex=False)
     reader = network.path if isinstance(network, SmearNetwork) else network
     prepare_args = sequence.source, sequence.folder, list(sequence.times), reader, list(sequence.aside)
     pool = processes(count, _prepare, prepare_args, stop=stop)
@@ -166,7 +166,7 @@ def _processes(sequence: FrameSequence, count: int) -> Iterator[OfEach]:
     except BrokenProcessPool:
         raise RunError("a process died, perhaps because of too little memory; add --jobs 1") from None
     finally:
-        stop.set()  # while its processes are there: it waits until they have seen it
+        end.close()
         pool.shutdown(wait=False, cancel_futures=True)  # by its own thread: `Future.cancel` would break that
 
 

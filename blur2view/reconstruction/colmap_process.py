@@ -28,15 +28,16 @@ def in_process(
 
     context = spawn_context()
     answers, answer = context.Pipe(duplex=False)
-    start = context.Event(), answer, pycolmap.logging.minloglevel, call, given, options
-    process = context.Process(target=_answer, args=start)
-    try:
-        process.start()
-    except OSError as error:
-        raise not_started(error) from None
-    answer.close()
+    process = context.Process(
+        target=_answer, args=(answer, pycolmap.logging.minloglevel, call, given, options)
+    )
     told = 0
     try:
+        try:
+            process.start()
+        except OSError as error:
+            raise not_started(error) from None
+        answer.close()
         while True:
             if answers.poll(WATCH_S):
                 result = answers.recv()
@@ -48,20 +49,19 @@ def in_process(
         remedy = "choose fewer frames with --frames"
         raise RunError(f"COLMAP's process died, perhaps because of too little memory; {remedy}") from None
     finally:
-        process.kill()
-        process.join()
+        if process.pid is not None:  # it has been started
+            process.kill()
+            process.join()
     if isinstance(result, Exception):
         raise result
     return result
 
 
-def _answer(
-    stop: Any, answer: Any, log_level: int, call: Callable[..., Any], given: Any, options: Any
-) -> None:
+def _answer(answer: Any, log_level: int, call: Callable[..., Any], given: Any, options: Any) -> None:
     """Send what a function returns or raises."""
     import pycolmap
 
-    follow_parent(stop)
+    follow_parent()
     pycolmap.logging.minloglevel = log_level
     _PARENT[:] = [answer]
     try:

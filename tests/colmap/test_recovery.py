@@ -2,7 +2,9 @@
 
 import errno
 import os
+import signal
 import sqlite3
+import sys
 from collections.abc import Collection
 from contextlib import closing
 from copy import deepcopy
@@ -212,6 +214,28 @@ def test_processes_that_do_not_start_are_named(
     monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", start)
     with pytest.raises(RunError, match=r"processes cannot be started .* fewer with --jobs"):
         recover_frames(folder / "model", folder / "frames", network=network, jobs=2)  # type: ignore[arg-type]
+
+
+def process_of(sequence: FrameSequence, name: str) -> int:
+    """Return the process that works on a frame."""
+    return os.getpid()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+def test_a_process_that_was_killed_while_it_waited_for_the_end_is_not_waited_for(
+    folder: Path, network: ExactSmears
+) -> None:
+    sequence = FrameSequence(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
+    with recovery_run._processes(sequence, 2) as of_each:
+        (process,) = of_each(process_of, PLANE.names[:1])
+        os.kill(process, signal.SIGKILL)
+    with (
+        pytest.raises(RunError, match="a process died, perhaps because of too little memory; add --jobs 1"),
+        recovery_run._processes(sequence, 2) as of_each,
+    ):
+        for process in of_each(process_of, PLANE.names):
+            os.kill(process, signal.SIGKILL)
 
 
 def test_a_killed_call_goes_on_to_the_same_model(
