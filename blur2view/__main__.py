@@ -29,6 +29,9 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             end_interrupted()
+        if frame.f_code is unraised.__code__:  # which would lose it as well
+            _thread.start_new_thread(press_again, ())
+            return
         frame = frame.f_back
     raise KeyboardInterrupt
 

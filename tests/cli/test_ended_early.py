@@ -149,9 +149,16 @@ def test_ctrl_c_within_an_import_that_makes_an_error_of_it_is_one(module: str, w
 
 
 LOST = """
-import os, signal, sys, time
-from blur2view.__main__ import program
+import _thread, os, signal, sys, time
+from types import SimpleNamespace
+from blur2view import __main__
 from blur2view.cli import commands
+
+delays = iter([{delay_s}])
+
+def start_new_thread(*given):
+    _thread.start_new_thread(*given)
+    time.sleep(next(delays, 0))
 
 class Freed:
     def __del__(self):
@@ -161,12 +168,16 @@ def main():
     Freed()  # Python raises nothing that happens while it is freed
     time.sleep(60)
 
-commands.main = main
-sys.exit(program())
+commands.main, __main__._thread = main, SimpleNamespace(start_new_thread=start_new_thread)
+sys.exit(__main__.program())
 """
 
 
 @SIGNALS
-def test_ctrl_c_while_an_object_is_freed_is_not_lost() -> None:
-    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, cwd=ROOT)
+@pytest.mark.parametrize(
+    "delay_s", [0, 0.1]
+)  # of a busy machine, longer than the time until it is pressed anew
+def test_ctrl_c_while_an_object_is_freed_is_not_lost(delay_s: float) -> None:
+    lost = LOST.format(delay_s=delay_s)
+    done = subprocess.run([sys.executable, "-c", lost], capture_output=True, text=True, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "blur2view: interrupted\n")
