@@ -100,9 +100,11 @@ def test_a_call_killed_between_note_and_file_may_be_repeated(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no locks of folders")
 def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends(tmp_path: Path) -> None:
-    program = "import sys, time, pathlib; from blur2view.files import locked\n"
-    program += "with locked(pathlib.Path(sys.argv[1])): print(flush=True); time.sleep(60)"
-    holder = subprocess.Popen([sys.executable, "-c", program, tmp_path], stdout=subprocess.PIPE)
+    program = "import sys, pathlib; from blur2view.files import locked\n"
+    program += "with locked(pathlib.Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
+    command, pipe = [sys.executable, "-c", program, tmp_path], subprocess.PIPE
+    holder = subprocess.Popen(command, stdin=pipe, stdout=pipe)
+    assert holder.stdin is not None
     assert holder.stdout is not None and holder.stdout.readline()
     writer = threading.Thread(target=write_file, args=(tmp_path / "a", b"whole"))
     writer.start()
@@ -110,6 +112,7 @@ def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends
     assert writer.is_alive() and not (tmp_path / "a").exists()
     holder.kill()
     holder.wait()
+    holder.stdin.close()
     holder.stdout.close()
     writer.join()
     assert (tmp_path / "a").read_bytes() == b"whole"

@@ -87,13 +87,13 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     write_photographs(tmp_path / "in", 24, (128, 160))
     assert run(tmp_path / "in", "-o", tmp_path / "whole") == 0
     words = [tmp_path / "in", "--model", tiny_model]
-    killed = start("estimate", *words, "--jobs", 2, "-o", tmp_path / "out")
+    killed = start("estimate", *words, "--jobs", 2, "-o", tmp_path / "out", gate=tmp_path / "gate")
     wait_for(killed, tmp_path / "out", 3)
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     before = len(list((tmp_path / "out").glob("*.json")))
     done = run(tmp_path / "in", "-o", tmp_path / "out", "--resume")
-    assert done == 0 and 3 <= before < 24
+    assert done == 0 and 3 <= before <= 8
     assert f"{24 - before} done, {before} done before" in done.out
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
@@ -101,11 +101,9 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
 @SIGNALS
 @pytest.mark.slow
 def test_interrupt_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
-    (photograph,) = write_photographs(tmp_path / "in", 1, (320, 400))
-    for index in range(120):  # more than a busy machine does before it looks
-        photograph.with_name(f"{index:03d}.png").write_bytes(photograph.read_bytes())
+    write_photographs(tmp_path / "in", 16, (320, 400))
     words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
-    running = start("estimate", *words)
+    running = start("estimate", *words, gate=tmp_path / "gate")
     wait_for(running, tmp_path / "out", 4)
     running.send_signal(signal.SIGINT)
     _, complaints = running.communicate()

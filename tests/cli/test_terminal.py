@@ -21,7 +21,7 @@ def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def until_drawn(capsys: pytest.CaptureFixture[str], pattern: str) -> str:
     """Wait until stderr holds a pattern; return it."""
-    end, drawn = time.monotonic() + 10, ""
+    end, drawn = time.monotonic() + 300, ""
     while not re.search(pattern, drawn) and time.monotonic() < end:
         time.sleep(0.01)
         drawn += capsys.readouterr().err
@@ -34,7 +34,7 @@ def test_a_person_sees_rate_and_time_left_and_lines_above(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     with waiting("frames") as show:
-        assert "\rframes ... 00:0" in until_drawn(capsys, "frames")
+        assert re.search(r"\rframes \.\.\. \d\d:\d\d", until_drawn(capsys, r"frames .*\d\d:\d\d"))
         show(1, 4)
         assert re.search(
             r"frames:  25%\|.*\| 1 of 4, .*/s, .* left", until_drawn(capsys, "1 of 4, .*/s, .* left")
@@ -58,7 +58,7 @@ def test_a_file_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
     drawn = until_drawn(capsys, "left\n")
     step.ended.set()
     drawing.join()
-    assert re.fullmatch(r"(blur2view: frames: 3 of 4, 0\.03/s, 00:\d\d left\n)+", drawn)
+    assert re.fullmatch(r"(blur2view: frames: 3 of 4, 0\.0\d/s, \d\d:\d\d left\n)+", drawn)
 
 
 def test_what_is_short_or_hidden_shows_nothing(

@@ -394,18 +394,22 @@ def test_a_process_tells_its_parent_what_is_done() -> None:
     assert told[-2:] == [1, 2]
 
 
-def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
-    def interrupt(*given: Any) -> None:
-        raise KeyboardInterrupt
+def press_and_go_on() -> None:
+    """Press Ctrl-C, which the parent answers, and work as long as COLMAP may."""
+    os.kill(os.getppid(), signal.SIGINT)
+    time.sleep(600)
 
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, 0.5)
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
+def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
+    others = multiprocessing.active_children()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
-            in_process(time.sleep, 600)
+            in_process(press_and_go_on)
     finally:
-        signal.signal(signal.SIGALRM, before)
-    assert not multiprocessing.active_children()
+        signal.signal(signal.SIGINT, before)
+    assert not {*multiprocessing.active_children()} - {*others}
 
 
 def test_a_scene_may_be_called_with_marks_of_an_address(tmp_path: Path) -> None:
@@ -746,7 +750,5 @@ def test_the_report_shows_frames_and_path_runs_nothing_and_opens_in_a_browser(wh
     if browser is None:
         pytest.skip("Chromium is not installed")
     command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
-    shown = subprocess.run(
-        [*command, str(whole.folder / "report.html")], capture_output=True, text=True, timeout=60
-    )
+    shown = subprocess.run([*command, str(whole.folder / "report.html")], capture_output=True, text=True)
     assert shown.returncode == 0 and shown.stdout.count("<svg") == 4 and STATE not in shown.stdout

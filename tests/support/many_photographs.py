@@ -50,10 +50,35 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "blur2view", *map(str, words)]
 
 
-def start(*words: object) -> Popen[str]:
-    """Start the program from this checkout, so that it takes Ctrl-C, which jobs in the background ignore."""
+HELD = """
+import sys, time
+from pathlib import Path
+from blur2view import files
+from blur2view.__main__ import program
+from blur2view.cli import executors
+
+write, free, gate, end = files.write_files, iter(range(8)), Path(sys.argv.pop(1)), time.monotonic() + 600
+
+def held(*given, **how):
+    if next(free, None) is None:
+        while not gate.exists() and time.monotonic() < end:
+            time.sleep(0.01)
+    write(*given, **how)
+
+files.write_files, executors.CONNECT_S, executors.WORKERS_S = held, 300, 300
+sys.exit(program())
+"""
+
+
+def start(*words: object, gate: Path | None = None) -> Popen[str]:
+    """Start the program from this checkout, so that it takes Ctrl-C, which jobs in the background ignore.
+
+    With ``gate`` it writes the results of 8 photographs, and of more once that file is there: so it has not
+    ended before a test ends it, however slow that is. It also waits longer for a Dask cluster.
+    """
+    line = command(*words) if gate is None else [sys.executable, "-c", HELD, str(gate), *map(str, words)]
     heeds = None if sys.platform == "win32" else partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    return Popen(command(*words), env=environment(), stdout=PIPE, stderr=PIPE, text=True, preexec_fn=heeds)
+    return Popen(line, env=environment(), stdout=PIPE, stderr=PIPE, text=True, preexec_fn=heeds)
 
 
 def environment() -> dict[str, str]:
