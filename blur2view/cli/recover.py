@@ -206,11 +206,15 @@ class RecoverOptions:
 
     def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
         """Print what became of the frames, so many in all."""
+        if absent := recovery.sequence.absent():
+            lacked = f"lacks {plural(len(absent), 'image')} of the model, the first of which is {absent[0]}"
+            print(printable(f"{self.frames_dir}: {lacked}; their poses stay, and predict no frame"))
         for line in refused_lines(recovery.refused, "recovered", self.printing):
             print(line)
         for name, frame in recovery.recovered.items() if self.printing.verbose else ():
             points = plural(len(frame.points), "point")
-            print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+            off = f"{frame.residual_px:.1f} px (median) from where they were found"
+            print(f"{printable(name)} recovered by {points}, which its pose puts {off}")
         more = f"and more, and {TRACKS}" if tracked else "and more"
         counts = f"{len(recovery.recovered)} recovered, {len(recovery.refused)} refused"
         registered = f"of {plural(count, 'frame')} {len(recovery.registered)} registered"

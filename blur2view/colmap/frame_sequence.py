@@ -105,6 +105,10 @@ class FrameSequence:
             count = f"has {len(self.images)} of the {len(names)} frames in {folder}"
             raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
 
+    def absent(self) -> list[str]:
+        """Return the registered images of the model that are not among the frames, by name."""
+        return sorted(name for name in registered_images(self.model) if name not in self.times)
+
     def set_aside(self, names: Collection[str]) -> None:
         """Set registered frames aside: they predict no frame, and no patch of theirs is searched.
 

@@ -1,5 +1,6 @@
 """``blur2view recover``: what it prints and writes, with the network that ships."""
 
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -61,7 +62,8 @@ def test_every_frame_is_counted_and_written(
     printed = done.out.splitlines()
     assert printed[-1].startswith(f"{tmp_path / 'all'}: ")
     assert printed[-1].endswith(": of 7 frames 6 registered, 1 recovered, 0 refused")
-    assert printed[0].startswith(f"{PLANE.names[3]} recovered by ")
+    placed = r"recovered by \d+ points, which its pose puts 0\.\d px \(median\) from where they were found"
+    assert re.fullmatch(f"{PLANE.names[3]} {placed}", printed[0])
     names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
     assert names == {*PLANE.names}
     assert call_program(capsys, *words, "--views") == 0
@@ -69,6 +71,17 @@ def test_every_frame_is_counted_and_written(
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
     onward = call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json")
     assert onward == 0
+
+
+def test_images_of_the_model_that_have_no_file_are_counted(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = Path(shutil.copytree(video / "frames", tmp_path / "frames"))
+    for name in PLANE.names[-2:]:
+        (frames / name).unlink()
+    done = call_program(capsys, "recover", video / "model", frames, "-o", tmp_path / "all", "--jobs", 1)
+    line = f"{frames}: lacks 2 images of the model, the first of which is {PLANE.names[-2]}; "
+    assert done == 0 and done.out.splitlines()[0].startswith(line)
 
 
 def test_a_frame_with_alpha_is_recovered(
