@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import TINY, AnyArray, white_level
-from blur2view.cli.executors import Shared
-from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.batch.executors import Shared
+from blur2view.cli.batch.job import Job, Outcome
 from blur2view.errors import ImageError
 from blur2view.files import unwritable, writable_folder
 from blur2view.images.image import Content, read_picture

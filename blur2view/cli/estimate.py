@@ -7,11 +7,12 @@ from typing import Annotated
 
 import numpy as np
 
-from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.batch.job import Job, Outcome
+from blur2view.cli.batch.photograph import EstimatedFile, estimate_file
+from blur2view.cli.batch.run import FAILURES, Run, wrote
+from blur2view.cli.batch.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.options import Command, Document, Folder, InTime, Order
 from blur2view.cli.parser import file_path, flag, rare_option
-from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
-from blur2view.cli.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.terminal import reason_line, verdict_line
 from blur2view.errors import OutputError
 from blur2view.files import write_file

@@ -1,6 +1,6 @@
 """Groups of options that the commands over photographs share.
 
-`run.options_digest` lists those on which the result of a photograph depends.
+`batch.run.options_digest` lists those on which the result of a photograph depends.
 """
 
 import sys

@@ -7,11 +7,12 @@ from typing import Annotated
 import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.batch.job import Job, Outcome
+from blur2view.cli.batch.photograph import estimate_file
+from blur2view.cli.batch.run import Run
+from blur2view.cli.batch.summary import print_summary, print_table, print_total
 from blur2view.cli.options import Command, InTime, Order
 from blur2view.cli.parser import file_path, option
-from blur2view.cli.run import Run, estimate_file
-from blur2view.cli.summary import print_summary, print_table, print_total
 from blur2view.cli.terminal import printable, reason_line, verdict_line
 from blur2view.files import write_file
 from blur2view.movers.moving import THRESHOLD

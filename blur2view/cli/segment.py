@@ -7,11 +7,12 @@ from typing import Annotated
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.batch.job import Job, Outcome
+from blur2view.cli.batch.photograph import estimate_file
+from blur2view.cli.batch.run import FAILURES, Run, wrote
+from blur2view.cli.batch.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.options import Command, Document, Folder
 from blur2view.cli.parser import OneOf, flag, option, probability
-from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
-from blur2view.cli.summary import print_document, print_summary, print_table, print_total
 from blur2view.cli.terminal import printable
 from blur2view.images.pixels import stored_from_upright
 from blur2view.movers.mask import GREY, MaskFormat
@@ -44,7 +45,7 @@ class SegmentOptions(Command):
     camera's motion. Outlines follow the photograph's edges.
     """
 
-    # a field here is part of what --resume compares, unless its type is a Path (`run.options_digest`)
+    # a field here is part of what --resume compares, unless its type is a Path (`batch.run.options_digest`)
     folder: Folder = Folder()
     document: Document = Document()
     threshold: Annotated[float, probability] = option(

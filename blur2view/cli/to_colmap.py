@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
-from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.batch.job import Job, Outcome
+from blur2view.cli.batch.photograph import estimate_file
+from blur2view.cli.batch.run import Run
+from blur2view.cli.batch.summary import print_failure, print_table, print_written_table
 from blur2view.cli.options import Command, Document, Order
 from blur2view.cli.parser import file_path, flag, rare_option, required
-from blur2view.cli.run import Run, estimate_file
-from blur2view.cli.summary import print_failure, print_table, print_written_table
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.database import check_target, plan_links, write_database, write_links
 from blur2view.colmap.project import storable

@@ -12,12 +12,13 @@ from typing import Annotated
 
 import numpy as np
 
+from blur2view.cli.batch.job import Job, Outcome
+from blur2view.cli.batch.photograph import estimate_file
+from blur2view.cli.batch.run import Run
+from blur2view.cli.batch.summary import print_counts, print_summary, print_table
 from blur2view.cli.choosing import Candidates, Chosen, Pictures
-from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import Length, file_path, flag, length, neighbours, option, radius
-from blur2view.cli.run import Run, estimate_file
-from blur2view.cli.summary import print_counts, print_summary, print_table
 from blur2view.cli.terminal import complain, verdict_line
 from blur2view.errors import ImageError, OutputError, RunError
 from blur2view.files import write_file

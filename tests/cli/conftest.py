@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.cli import run as command
+from blur2view.cli.batch import photograph
 from blur2view.images.image import read_picture
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import write_photographs
@@ -45,5 +45,5 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         names.append(Path(path).name)
         return read_picture(path, **options)
 
-    monkeypatch.setattr(command, "read_picture", noted)
+    monkeypatch.setattr(photograph, "read_picture", noted)
     return names

@@ -10,9 +10,10 @@ import pytest
 from PIL import Image
 
 from blur2view.arrays import AnyArray
-from blur2view.cli import choosing, run, triage
+from blur2view.cli import choosing, triage
+from blur2view.cli.batch import photograph
+from blur2view.cli.batch.job import Job
 from blur2view.cli.choosing import NEIGHBOURS, Candidates, sharpness_rank
-from blur2view.cli.jobs import Job
 from blur2view.images.inputs import Source
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, frame_numbers, frame_time, frame_times
@@ -165,7 +166,7 @@ def test_a_candidate_is_looked_at_once_and_a_photograph_of_a_table_as_closely_as
         closer.append(options["closer"])
         return estimated(*words, **options)
 
-    monkeypatch.setattr(run, "estimate", noted)
+    monkeypatch.setattr(photograph, "estimate", noted)
     clip = write_blurred(tmp_path / "a.mp4", [5, 1, 5, 5, 0.5, 5])
     assert call("triage", clip, "--every-best", 6, "--keep", tmp_path / "k.txt", "--jobs", 1) == 0
     assert call("triage", clip, "--jobs", 1) == 0

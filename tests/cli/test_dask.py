@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.cli import executors, jobs
+from blur2view.cli.batch import executors, schedule
+from blur2view.cli.batch.job import Job, Outcome
 from blur2view.errors import RunError
 from blur2view.exposure.sequence import NO_FEATURES
 from blur2view.images.inputs import Source
@@ -132,15 +133,15 @@ def test_whoever_waits_for_workers_that_all_died_is_told(monkeypatch: pytest.Mon
         def close(self) -> None:
             pass
 
-    def work(job: jobs.Job) -> jobs.Outcome:
+    def work(job: Job) -> Outcome:
         ended.wait()
-        return jobs.Outcome(record=Record(name=job.name))
+        return Outcome(record=Record(name=job.name))
 
     ended = threading.Event()
     monkeypatch.setattr(executors, "ANSWER_S", 0.01)
-    monkeypatch.setattr(jobs, "connected", lambda address: (Client(), RuntimeError))
-    every = [jobs.Job(source=Source(path=Path(__file__)))]
-    series = jobs.in_cluster(work, every, lambda _: None, lambda *_: NO_FEATURES, address="tcp://a:1")
+    monkeypatch.setattr(schedule, "connected", lambda address: (Client(), RuntimeError))
+    every = [Job(source=Source(path=Path(__file__)))]
+    series = schedule.in_cluster(work, every, lambda _: None, lambda *_: NO_FEATURES, address="tcp://a:1")
     with pytest.raises(
         RunError, match="tcp://a:1: the Dask scheduler has no worker; start one with: dask worker tcp://a:1"
     ):

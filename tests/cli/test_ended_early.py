@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from blur2view import files
-from blur2view.cli import run as command
+from blur2view.cli.batch import photograph
+from blur2view.cli.batch import run as command
 from blur2view.errors import OutputError
 from blur2view.files import write_files
 from blur2view.images.image import read_picture
@@ -67,7 +68,7 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
         return read_picture(path, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(command, "read_picture", interrupt)
+        patched.setattr(photograph, "read_picture", interrupt)
         done = call("estimate", folder, "-o", tmp_path / "out")
         assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
         assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"

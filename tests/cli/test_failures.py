@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.cli import run as over_photographs
+from blur2view.cli.batch import photograph as over_photographs
 from blur2view.cli.to_transforms import ToTransformsOptions
 from blur2view.files import quick_digest
 from blur2view.pipeline import estimate

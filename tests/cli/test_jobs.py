@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.cli import jobs, run
-from blur2view.cli.executors import Shared, as_it_is
-from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_in_time
+from blur2view.cli.batch import photograph, schedule
+from blur2view.cli.batch.executors import Shared, as_it_is
+from blur2view.cli.batch.job import Job, Outcome, neighbours_in_time
+from blur2view.cli.batch.schedule import in_processes
 from blur2view.errors import ImageError
 from blur2view.exposure import sequence
 from blur2view.exposure.sequence import MAX_FEATURES, NO_FEATURES, Features, extract_features
@@ -113,11 +114,11 @@ def test_each_frame_of_a_video_is_read_and_described_once_and_each_pair_matched_
 
         monkeypatch.setattr(module, name, note)
 
-    counted(run, "extract_features")
+    counted(photograph, "extract_features")
     counted(sequence, "match_features")
     counted(inputs, "read_frame")
-    monkeypatch.setattr(jobs, "processes", ThreadPoolExecutor)  # processes would count by themselves
-    monkeypatch.setattr(jobs, "Shared", as_it_is)
+    monkeypatch.setattr(schedule, "processes", ThreadPoolExecutor)  # processes would count by themselves
+    monkeypatch.setattr(schedule, "Shared", as_it_is)
     assert call("estimate", write_video(tmp_path / "clip.mp4", 12), "--jobs", count, "-q") == 0
     asked = Counter(names)
     assert asked["extract_features"] == 12 and asked["match_features"] == 11

@@ -4,9 +4,9 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-from blur2view.cli.jobs import Outcome
+from blur2view.cli.batch.job import Outcome
+from blur2view.cli.batch.run import Run
 from blur2view.cli.options import STANDARD_OUTPUT
-from blur2view.cli.run import Run
 from blur2view.cli.terminal import complain, plural, printable, say
 from blur2view.errors import Blur2ViewError
 from blur2view.records.record import table_text
