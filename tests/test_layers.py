@@ -34,7 +34,7 @@ ROWS = [
     "__main__",
 ]
 RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
-MAX_FILES, MAX_MODULES, MAX_LINES = 12, 20, 410
+MAX_FILES, MAX_MODULES, MAX_LINES = 12, 18, 410
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 

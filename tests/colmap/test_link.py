@@ -28,7 +28,7 @@ from tests.support.colmap_projects import (
     run_sql,
     user_rows,
 )
-from tools.evaluation.odd_inputs import mutated
+from tools.robustness.odd_inputs import mutated
 
 FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]

@@ -1,6 +1,6 @@
 """Call a function of the library with odd arguments, drawn from a seed, in a folder of `fuzz`'s inputs.
 
-    python -m tools.evaluation.odd_arguments SEED
+    python -m tools.robustness.odd_arguments SEED
 
 An error that says what was wrong, one of blur2view's or a TypeError or ValueError that one of its modules
 raises, is one line on stderr; any other ends in a traceback, which is what `fuzz` looks for.
@@ -19,7 +19,7 @@ from blur2view.cli.terminal import printable
 from blur2view.errors import Blur2ViewError
 from blur2view.records.record import Record
 from blur2view.smears.grid import stored_smears
-from tools.evaluation.odd_inputs import mutated
+from tools.robustness.odd_inputs import mutated
 
 Rng = np.random.Generator
 NUMBERS = (

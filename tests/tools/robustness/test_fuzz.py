@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tools.evaluation import fuzz
-from tools.evaluation.odd_inputs import make_inputs
+from tools.robustness import fuzz
+from tools.robustness.odd_inputs import make_inputs
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Give every command odd inputs, drawn from a seed, and see whether a call is rude.
 
-    python -m tools.evaluation.fuzz --cases 1000 --seed 0
+    python -m tools.robustness.fuzz --cases 1000 --seed 0
 
 A case is a folder of photographs, a video, a list, a network, a COLMAP project and its model, a scene, with
 one oddity (`KINDS`), in which one command, or one function of the library, runs as a fresh process. A call is
@@ -23,8 +23,8 @@ import numpy as np
 
 from blur2view.cli.recover import NOTES as RECOVERING
 from tools.command import Target, publish, run, table
-from tools.evaluation.odd_arguments import WRITTEN
-from tools.evaluation.odd_inputs import KINDS, LITTLE, OUTPUTS, ROOT, SCENE, drawn, make_inputs
+from tools.robustness.odd_arguments import WRITTEN
+from tools.robustness.odd_inputs import KINDS, LITTLE, OUTPUTS, ROOT, SCENE, drawn, make_inputs
 
 PATIENCE_S = 180.0
 
@@ -76,7 +76,7 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, list[str]]:
     words = KINDS[kind](folder, rng)
     before = snapshot(folder)
     limit = ["prlimit", f"--as={int(rng.integers(200, 900)) << 20}"] if kind == LITTLE else []
-    module = "tools.evaluation.odd_arguments" if kind == "library" else "blur2view"
+    module = "tools.robustness.odd_arguments" if kind == "library" else "blur2view"
     program = [*limit, "timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", module, *words]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(place)}
     done = subprocess.run(
