@@ -351,7 +351,8 @@ def _seen(
     if evidence.needed is not Needed.MOVERS:
         return evidence, None
     moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
-    copy = reduced(image, moving.block_px / BLOCK_PX)  # a mask of every pixel of 24 megapixels takes 0.5 GB
-    mask = motion_mask(replace(moving, block_px=BLOCK_PX), copy)
-    movers = moving.evidence(evidence.grid, mask.shares["moving"])
-    return replace(evidence, movers=movers), moving
+    share = 0.0
+    if moving.parts().any():
+        copy = reduced(image, moving.block_px / BLOCK_PX)  # of every pixel of 24 megapixels it takes 0.5 GB
+        share = motion_mask(replace(moving, block_px=BLOCK_PX), copy).shares["moving"]
+    return replace(evidence, movers=moving.evidence(evidence.grid, share)), moving

@@ -52,9 +52,15 @@ STRIP_ROWS = 64  # of the photograph, even: `_grey` of so many rows is held at a
 
 
 def look(
-    network: OnnxNetwork, features: int, image: AnyArray, brightness: float, cells: int = CELLS
+    network: OnnxNetwork,
+    features: int,
+    image: AnyArray,
+    brightness: float,
+    cells: int = CELLS,
+    *,
+    shares: bool,
 ) -> SmearGrid:
-    """Return the smears of a photograph (H, W, 3) or (H, W) in about ``cells`` cells.
+    """Return the smears of a photograph (H, W, 3) or (H, W) in about so many cells, and ``shares`` if asked.
 
     It is settled when its smears are so long that a finer octave adds nothing to them, or when the photograph
     itself was read: short smears differ from none there alone.
@@ -80,9 +86,9 @@ def look(
     assert read is not None
     smears, blur = np.split(octave_values(read, read_smears(read.smears), k), [4], axis=-1)
     smears, blur = (values[:rows, :columns] for values in with_flat(smears, blur, flat))
-    shares = marginals(read.smears, LENGTHS, math.log2(stride / STEP) - k)[:rows, :columns]
+    each = marginals(read.smears, LENGTHS, math.log2(stride / STEP) - k)[:rows, :columns] if shares else None
     window_px, shape = WINDOW_PX << k, (height, width)
-    return SmearGrid(cells=smears, blur=blur, shares=shares, stride=stride, shape=shape, window_px=window_px)
+    return SmearGrid(cells=smears, blur=blur, shares=each, stride=stride, shape=shape, window_px=window_px)
 
 
 def window_stride(height: int, width: int, cells: int = CELLS) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
@@ -152,8 +151,8 @@ class SmearNetwork:
         with one_thread:
             if detail is not Detail.GEOMETRY:
                 count = CELLS if detail is Detail.RANKING else CLOSER_CELLS
-                grid = look(self._network, self._features, image, self._brightness, count)
-                return replace(grid, shares=None) if detail is Detail.RANKING else grid
+                asked = detail is Detail.CLOSER
+                return look(self._network, self._features, image, self._brightness, count, shares=asked)
             apart = STEP << _spread(image.shape)
             values, flat = self._read(image, apart)
         cells, blur, shares = np.split(values, [4, CELL_VALUES], axis=-1)

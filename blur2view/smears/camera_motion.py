@@ -95,7 +95,7 @@ class Evidence:
             return Needed.NOTHING
         if self.closest:
             return Needed.MOVERS if in_doubt(self.grid) else Needed.NOTHING
-        return Needed.WINDOWS if in_doubt(self.grid) or is_close(self.grid) else Needed.NOTHING
+        return Needed.WINDOWS if in_doubt(self.grid) or is_close(self.grid, self.blur) else Needed.NOTHING
 
     @property
     def camera_moved(self) -> float:
@@ -266,12 +266,12 @@ def in_doubt(grid: SmearGrid) -> bool:
     return bool(smeared_part > MOVING_SHARE and not is_plain)
 
 
-def is_close(grid: SmearGrid) -> bool:
-    """Whether the decision is so near a limit that reading all windows may change it."""
+def is_close(grid: SmearGrid, blur: Blur) -> bool:
+    """Whether the blur, by the cells alone, is so near a limit that reading all windows may change it."""
     if grid.kinds is None:
         return False
     kinds, smears = np.asarray(grid.kinds, float), grid.smears()
-    moved_share, blur = smeared_share(kinds), Evidence(grid=grid).blur
+    moved_share = smeared_share(kinds)
     if abs(moved_share - 0.5) < CLOSE_MOVED:
         return True
     if moved_share > 0.5:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.arrays import ranked
+from blur2view.arrays import AnyArray, ranked
 from blur2view.images import pixels
 from blur2view.images.pixels import MAX_GAIN, as_photograph, brightened, brightness_gain
 
@@ -47,6 +47,7 @@ def test_grey_in_three_equal_channels_of_one_memory_is_read_as_grey() -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_values_of_ranks_are_those_of_the_sorted_array(dtype: type) -> None:
-    values = np.random.default_rng(0).integers(0, 200, (31, 17, 3)).astype(dtype)[::2, ::2]
+    levels: AnyArray = np.random.default_rng(0).integers(0, 200, (31, 17, 3)).astype(dtype)
+    values = levels[::2, ::2]
     ranks = [0, 1, 200, values.size - 1]
     assert (ranked(values, ranks) == np.sort(values, axis=None)[ranks]).all()

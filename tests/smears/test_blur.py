@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from blur2view.smears import camera_motion
 from blur2view.smears.blur import nothing_seen
-from blur2view.smears.camera_motion import (
-    Evidence,
-    Movers,
-    Needed,
-    blur_of,
-    in_doubt,
-    is_close,
-    moved_probability,
-)
+from blur2view.smears.camera_motion import Evidence, Movers, Needed, blur_of, in_doubt, moved_probability
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
@@ -32,6 +25,11 @@ def grid(kinds: NDArray[np.int_], length: float = 0.3) -> SmearGrid:
     blur = np.concatenate([radii, told], -1).astype(np.float32)
     shares = np.zeros((*kinds.shape, 64), np.float32)
     return SmearGrid(cells=one.cells, blur=blur, shares=shares, stride=32, shape=one.shape)
+
+
+def is_close(one: SmearGrid) -> bool:
+    """Return whether more windows may change the name that the cells of a grid give."""
+    return camera_motion.is_close(one, Evidence(grid=one).blur)
 
 
 def within(inside: int, around: int, share: float = 0.5) -> NDArray[np.int_]:
