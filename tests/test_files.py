@@ -102,7 +102,7 @@ def test_a_call_killed_between_note_and_file_may_be_repeated(
 def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends(tmp_path: Path) -> None:
     program = "import sys, pathlib; from blur2view.files import locked\n"
     program += "with locked(pathlib.Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
-    command, pipe = [sys.executable, "-c", program, tmp_path], subprocess.PIPE
+    command, pipe = [sys.executable, "-c", program, str(tmp_path)], subprocess.PIPE
     holder = subprocess.Popen(command, stdin=pipe, stdout=pipe)
     assert holder.stdin is not None
     assert holder.stdout is not None and holder.stdout.readline()
