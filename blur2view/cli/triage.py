@@ -246,7 +246,9 @@ def _parts(jobs: Sequence[Job], seconds: float) -> list[list[Job]]:
     """Return the frames of each such time of a video; ImageError for what is not a video."""
     first = jobs[0].source
     if first.frame is None:
-        raise ImageError(first.refusal or f"{first}: is not a frame of a video; give --every-best a number")
+        what = "is not a frame of a video; give --every-best a number"
+        what = what if os.path.lexists(first.path) else "no such file; check the path"
+        raise ImageError(first.refusal or f"{first}: {what}")
     times = frame_times(first.path)
     at = [times[min(job.source.frame or 0, len(times) - 1)] for job in jobs]
     parts = groupby(range(len(jobs)), key=lambda k: int((at[k] - at[0] + ROUNDED_S) / seconds))

@@ -240,11 +240,13 @@ def _video_sources(video: Path, root: Path, frames: Callable[[Path], range]) -> 
 def _listed(folder: Path, recursive: bool) -> tuple[list[Path], list[Path], list[Source]]:
     """Return a folder's photographs, frame_2 before frame_10, its videos, and folders that cannot be read.
 
-    Results of blur2view are left out; links that lead nowhere are not, so that their failure is named.
+    Results of blur2view are left out, and what macOS puts beside files on foreign disks (._NAME); links that
+    lead nowhere are not, so that their failure is named.
     """
     unread: list[OSError] = []
     walked = islice(os.walk(folder, onerror=unread.append), None if recursive else 1)
-    entries = sorted((Path(here, name) for here, _, names in walked for name in names), key=_in_order)
+    listed = (Path(here, name) for here, _, names in walked for name in names)
+    entries = sorted((path for path in listed if not path.name.startswith("._")), key=_in_order)
     videos = [path for path in entries if has_frames(path)]
     photographs = [
         path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path not in videos

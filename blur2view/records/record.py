@@ -30,6 +30,8 @@ LOOK = (
     *("beta", "max_error_px", "seed", "version", "input_sha256", "options_sha256"),
 )
 """Columns of the table of triage, which looks too briefly to fill others: those of other commands follow."""
+FAILED = "name", "error", "verdict"
+"""Columns that the row of a photograph that failed fills."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
 TYPES = {
@@ -71,7 +73,9 @@ class Record:
     """
 
     name: str = explained("Path below the folder that was given, or that all photographs share.", MISSING)
-    error: str = explained("Why the photograph failed; everything else is then empty.", "")
+    error: str = explained(
+        "Why the photograph failed, which is its verdict, too; everything else is then empty.", ""
+    )
     width: int | None = explained("Width of the upright photograph in pixels.")
     height: int | None = explained("Height of the upright photograph in pixels.")
     frame: int | None = explained("Number of the frame in its video, counted from 0.")
@@ -335,7 +339,10 @@ def table_text(rows: Iterable[Record], columns: Iterable[str] | None = None) -> 
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     for record in rows:
-        writer.writerow([_cell(column, getattr(record, column)) for column in columns])
+        filled = FAILED if record.error else columns
+        writer.writerow(
+            [_cell(column, getattr(record, column)) if column in filled else "" for column in columns]
+        )
     return text.getvalue().encode("utf-8", "surrogateescape")
 
 

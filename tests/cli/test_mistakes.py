@@ -40,6 +40,8 @@ MISTAKES = [
     (f"triage a.png --keep {'k' * 300}", "(File name too long); name another with --keep"),
     ("triage a.png --extract new --keep new/k.txt", "--keep must lie outside"),
     ("triage clip.mp4 --from 9s --to 2s", "--from 9s comes after --to 2s; swap them"),
+    ("triage absent.mp4 --every-best 1s --extract new", "absent.mp4: no such file"),
+    ("estimate absent.mp4 --every 2", "absent.mp4: no such file"),
     ("triage clip.mp4 --from -5", "expected a frame counted from 0, as 120"),
     ("triage a.png --csv /dev/full", "/dev/full: is not a regular file"),
     ("estimate a.png --dask tls://127.0.0.1:9", "expected tcp://HOST:PORT"),

@@ -35,8 +35,9 @@ def refusals(found: Inputs) -> list[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of photographs, a text, a result of the program and a subfolder."""
-    for name in ("frame_10.jpg", "frame_2.JPG", "notes.txt", "sub/a.tif", "sub/deep/b.heic", "c.NEF"):
+    """Return a folder of photographs, a text, a result, a subfolder, and what macOS puts there."""
+    names = ("frame_10.jpg", "frame_2.JPG", "notes.txt", "sub/a.tif", "sub/deep/b.heic", "c.NEF", "._c.NEF")
+    for name in names:
         path = tmp_path / "in" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"x")

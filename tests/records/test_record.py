@@ -34,6 +34,8 @@ def test_a_failed_photograph_has_a_name_and_an_error_alone() -> None:
     one = Record(name="b.jpg", error="b.jpg: is no picture")
     assert json.loads(one.to_json()) == {"name": "b.jpg", "error": one.error}
     assert Record.from_json(one.to_json()) == one and one.verdict == one.error
+    (row,) = csv.DictReader(io.StringIO(table_text([one]).decode()))
+    assert {name for name, value in row.items() if value} == {"name", "error", "verdict"}
 
 
 def test_a_table_is_the_flat_part_of_the_records(record: Record) -> None:

@@ -175,7 +175,8 @@ class Run:
         reading = self.options.reading
         chosen = {"--every": reading.every > 1, "--from": reading.first > 0, "--to": reading.last is not None}
         of_frames = [option for option, is_given in chosen.items() if is_given]
-        if of_frames and not any(job.source.frame is not None or job.source.refusal for job in self.jobs):
+        sources = [job.source for job in self.jobs]
+        if of_frames and all(source.frame is None and source.path.is_file() for source in sources):
             said = f"{', '.join(of_frames)}: no video is named whose frames could be chosen"
             complain(RunError(f"{said}; all photographs are read"))
         if videos := self.inputs.passed_over:
