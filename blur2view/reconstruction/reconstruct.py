@@ -37,7 +37,7 @@ from blur2view.reconstruction.mapping import STOOD_STILL, map_frames
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
 from blur2view.reconstruction.outcome import Reconstruction, shown_frames
-from blur2view.reconstruction.read_once import KeptSmears, blur_of_frames
+from blur2view.reconstruction.read_once import AllWindows, KeptSmears, LooksAtShort, blur_of_frames
 from blur2view.reconstruction.recovering import recover_missing
 from blur2view.reconstruction.scene import (
     DATABASE,
@@ -183,7 +183,8 @@ class _Making:
         way = sum(frame.moved for frame in frames)
         mapping = partial(map_frames, self.folder, sharp_enough(best, smears), options, way, self.step)
         counts = scene.step("map", [f"{WORK}/model/images.bin", DATABASE], mapping)
-        recovering = partial(recover_missing, self.folder, kept, self.network, self.jobs, self.step)
+        reader = LooksAtShort(self.network)
+        recovering = partial(recover_missing, self.folder, kept, reader, self.jobs, self.step)
         found = scene.step("recover", [f"{SPARSE}/images.bin", f"{EXPOSURES}/images.bin"], recovering)
         result = Reconstruction(
             folder=self.folder,
@@ -249,7 +250,7 @@ class _Making:
                     IMAGES,
                     [name for name in names if name in posed],
                     self.work / MASKS,
-                    self.network,
+                    AllWindows(self.network),
                     points=StaticPoints(self.folder / SPARSE, result.recovered),
                     consecutive=self.options.all_frames,
                     beside=self.options.dialect == transforms.INSTANT_NGP,

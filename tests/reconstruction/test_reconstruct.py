@@ -48,7 +48,7 @@ from blur2view.reconstruction.frames import (
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.outcome import Reconstruction, shown_frames
-from blur2view.reconstruction.read_once import KeptSmears
+from blur2view.reconstruction.read_once import AllWindows, KeptSmears, LooksAtShort
 from blur2view.reconstruction.reconstruct import _digest, reconstruct
 from blur2view.reconstruction.scene import STATE, Scene
 from blur2view.reconstruction.static_points import Sighted, StaticPoints
@@ -371,15 +371,32 @@ def test_smears_are_read_once_also_by_another_process(tmp_path: Path) -> None:
 
         def predict(self, image: AnyArray, **options: Any) -> SmearGrid:
             asked.append(image)
-            return network.predict(image)
+            return network.predict(image, **options)
 
     kept, picture = KeptSmears(Counting(), tmp_path), PLANE.render(3)
-    first, again = kept.predict(picture), kept.predict(picture, detail=Detail.RANKING)
+    first, again = kept.predict(picture), kept.predict(picture)
     other = pickle.loads(pickle.dumps(KeptSmears(network, tmp_path))).predict(picture)
     assert len(asked) == 1
+    assert AllWindows(kept).predict(picture, detail=Detail.RANKING) and len(asked) == 1
+    assert kept.predict(picture, detail=Detail.RANKING) and len(asked) == 2
     for grid in (again, other):
         assert vars(grid).keys() == vars(first).keys()
         assert all(np.array_equal(vars(grid)[name], value) for name, value in vars(first).items())
+
+
+@pytest.mark.parametrize(("smear_px", "asked"), [(3, ["ranking"]), (20, ["ranking", "geometry"])])
+def test_poses_have_all_windows_of_long_smears_alone(smear_px: float, asked: list[str]) -> None:
+    details = list[str]()
+
+    def predict(image: AnyArray, *, detail: Detail) -> SmearGrid:
+        details.append(detail.value)
+        cells = np.zeros((6, 8, 4), np.float32)
+        cells[..., 0] = smear_px
+        return SmearGrid(cells=cells, stride=32, shape=(180, 240))
+
+    reader: Any = SimpleNamespace(model_id="", execution=None, predict=predict)
+    LooksAtShort(reader).predict(PLANE.render(0))
+    assert details == asked
 
 
 def tell_twice() -> None:
