@@ -44,9 +44,9 @@ def linear_light(image: Any) -> Any:
 
 
 @lru_cache(8)
-def pixels_of(width: int, height: int, step: int = 1) -> Any:
-    """Return the pixels (H, W, 2) of a picture over a step, float32, which nobody may change."""
-    columns, rows = (np.arange(side, dtype=np.float32) / np.float32(step) for side in (width, height))
+def pixels_of(width: int, height: int) -> Any:
+    """Return the pixels (H, W, 2) of a picture, float32, which nobody may change."""
+    columns, rows = (np.arange(side, dtype=np.float32) for side in (width, height))
     return np.dstack(np.meshgrid(columns, rows))
 
 
@@ -57,18 +57,23 @@ def resampled(image: Any, pixels: Any, how: int = cv2.INTER_LINEAR) -> Any:
     return values.reshape(*pixels.shape[:2], *image.shape[2:])
 
 
+def shortened(path: Array) -> Array:
+    """Return smears (N, 2) of a picture, few of them shorter: none is much longer than most."""
+    length = np.hypot(path[:, 0], path[:, 1])
+    longest = np.quantile(length, LENGTH_QUANTILE)
+    return np.asarray(path * np.minimum(1, longest / np.maximum(length, TINY))[:, None])
+
+
 def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False) -> list[Any]:
     """Return an image (H, W, ...) blurred along path t + bend t^2, (H, W, 2), with t from -1/2 to 1/2.
 
     The list holds this image and, with ``moments``, those whose samples are weighted by t and t^2.
     """
     height, width = image.shape[:2]
-    length = np.hypot(path[..., 0], path[..., 1])
-    longest = float(np.quantile(length[::8, ::8], LENGTH_QUANTILE))
+    longest = float(np.hypot(*np.moveaxis(path[::8, ::8], -1, 0)).max())
     if longest <= MIN_BLUR_PX:
         return [image, *(np.zeros_like(image, np.float32) for _ in range(2 * moments))]
     pixels = pixels_of(width, height)
-    path = path * np.minimum(1, np.float32(longest) / np.maximum(length, np.float32(TINY)))[..., None]
     count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MAX_SAMPLES))
     sums = [np.zeros_like(image, np.float32) for _ in range(3 if moments else 1)]
     remap: Any = cv2.remap  # whose stubs want two maps

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array, Mask
 from blur2view.camera import normalised_points
-from blur2view.colmap.blur_matching import blur_equations, blurred_along, equalised, match_patches, resampled
+from blur2view.colmap.blur_matching import (
+    blur_equations,
+    blurred_along,
+    equalised,
+    match_patches,
+    resampled,
+    shortened,
+)
 from blur2view.colmap.warped_view import (
     FLOOR_SIGMA_PX,
     View,
@@ -223,7 +230,7 @@ def _blurred_alike(
     J = image_flow(view.camera, surface)
     path, bend = J @ motion[:6], J[:, :, :3] @ motion[6:]
     warps = [warp_to(neighbour, view, surface, path) for neighbour in neighbours]
-    fields = everywhere(view.camera, path), everywhere(view.camera, bend) if bend.any() else None
+    fields = everywhere(view.camera, shortened(path)), everywhere(view.camera, bend) if bend.any() else None
     every = cv2.merge([warp.picture for warp in warps]).reshape(*warps[0].picture.shape, len(warps))
     blurred = blurred_along(every, *fields, moments=moments)
     of_each = [[np.ascontiguousarray(one[..., k]) for one in blurred] for k in range(len(warps))]

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from blur2view.arrays import Array, Mask
 from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.blur_matching import pixels_of, resampled
+from blur2view.colmap.blur_matching import resampled, shortened
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.images.pixels import from_resized
 from blur2view.smears.grid import SmearGrid
@@ -108,20 +108,24 @@ def in_picture(camera: Any, pixels: Array) -> Mask:
 
 
 def _lattice(camera: Any) -> Array:
-    """Return pixels (h w, 2) in rows, every `CELL` pixels, that cover a camera's picture."""
-    x, y = (np.arange(0, side + CELL, CELL, dtype=float) for side in (camera.width, camera.height))
+    """Return pixels (h w, 2) in rows, the middles of cells of `CELL` pixels, one more beyond each border."""
+    x, y = (
+        CELL * np.arange(-1, -(-side // CELL) + 1) + (CELL - 1) / 2 for side in (camera.width, camera.height)
+    )
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
 def _in_rows(camera: Any, field: Array) -> Array:
     """Return a field (h w, C) on the lattice as (h, w, C)."""
-    return field.reshape(-(-camera.height // CELL) + 1, -(-camera.width // CELL) + 1, -1)
+    return field.reshape(-(-camera.height // CELL) + 2, -(-camera.width // CELL) + 2, -1)
 
 
 def everywhere(camera: Any, field: Array) -> Any:
     """Return a field (h w, C) on the lattice at all pixels, (H, W, C), float32, within `FAR_PX`."""
     near = np.clip(_in_rows(camera, field), -FAR_PX, FAR_PX).astype(np.float32)
-    return resampled(near, pixels_of(camera.width, camera.height, CELL))
+    height, width = near.shape[:2]
+    whole = cv2.resize(near, (CELL * width, CELL * height), interpolation=cv2.INTER_LINEAR)
+    return np.ascontiguousarray(whole[CELL : CELL + camera.height, CELL : CELL + camera.width])
 
 
 class Warp(NamedTuple):
@@ -129,7 +133,7 @@ class Warp(NamedTuple):
 
     picture: Any  # (H, W) float32
     pixels: Any  # (H, W, 2) float32 of the neighbour
-    smears: Any  # (H, W, 2) float32 of the neighbour, in pixels of the view and the sense of its path
+    smears: Any  # (H, W, 2) float32, `shortened`, in pixels of the view and the sense of its path
 
 
 def warp_to(neighbour: View, view: View, surface: Array, path: Array) -> Warp:
@@ -143,4 +147,4 @@ def warp_to(neighbour: View, view: View, surface: Array, path: Array) -> Warp:
     smears = np.asarray(np.linalg.solve(jacobian + 1e-6 * np.eye(2), own)[..., 0], float)
     pixels = everywhere(view.camera, where)
     picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
-    return Warp(picture, pixels, everywhere(view.camera, same_sense(smears, path)))
+    return Warp(picture, pixels, everywhere(view.camera, same_sense(shortened(smears), path)))
