@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
+from blur2view.camera import from_colmap
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, find_pose, pose_at, searched_pose
 from blur2view.colmap.models import observed, read_model, registered_images
-from blur2view.colmap.warped_view import View
+from blur2view.colmap.warped_view import View, projected
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, changed, relative_motion
@@ -39,6 +40,8 @@ MIN_FOUND = 0.1  # share of the points in the picture that are found
 MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
 MAX_DEPARTURE = 6.0  # standard deviations of the spline
 WEAK_SHARE = 0.5  # of the points that the median frame sees: fewer are few
+MAX_RESIDUAL = 2.0  # of a frame with few, of the median frame's distance of keypoints from its points
+LEAST_RESIDUAL_PX = 0.1  # of that frame: where it is less, COLMAP's keypoints are no better than this
 MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points are found than
 SURE_FOUND = 0.5  # share of the points in the picture
 # These and SPLINE_TAIL by likelihood and coverage of 11 rendered frames, runs of 3 of
@@ -153,16 +156,21 @@ class FrameSequence:
             self.recovered[name] = result
 
     def misplaced(self) -> list[str]:
-        """Return the registered frames that see little of what others see, and are off their path.
+        """Return the registered frames that see little of what others see, and do not fit.
 
-        Of a burst of RedKitchen's frames COLMAP registered one with 30 points, where others see 640, 2.5
-        degrees and 7.8 steps off, and neighbours were refused that do not agree with it. Of a rendered video
-        it registered a sharp one with 205 points of 727, 3.9 degrees off: 14.7 standard deviations, where no
-        other frame of these sequences has more than 5.
+        They are off the path of the others, or the points that they see lie far from their keypoints. Of a
+        burst of RedKitchen's frames COLMAP registered one with 30 points, where others see 640, 2.5 degrees
+        and 7.8 steps off, and neighbours were refused that do not agree with it. Of a rendered video it
+        registered a sharp one with 205 points of 727, 3.9 degrees off: 14.7 standard deviations, where no
+        other frame of these sequences has more than 5. At the beginning of another one, where the path says
+        little, three were 1.0 to 2.0 degrees off, with residuals of 2.4 to 4.8 times the median frame's.
         """
         seen = {name: len(observed(self.model, image)) for name, image in self.images.items()}
         weak = [name for name, count in seen.items() if count < WEAK_SHARE * median(seen.values())]
-        found, others = list[str](), set(self.poses)
+        off = {name: self._residual_px(name) for name in self.images} if weak else {}
+        most = MAX_RESIDUAL * max(LEAST_RESIDUAL_PX, median(off.values())) if weak else 0.0
+        found = [name for name in weak if off[name] > most]
+        weak, others = [name for name in weak if name not in found], self.poses.keys() - {*found}
         while weak:
             far = {name: self._departure(name, others - {name}) for name in weak}
             worst = max(far, key=lambda name: far[name])
@@ -172,6 +180,18 @@ class FrameSequence:
             others.remove(worst)
             found.append(worst)
         return found
+
+    def _residual_px(self, name: str) -> float:
+        """Return how far a registered frame's keypoints are from what they show, median; 0 of none."""
+        image = self.images[name]
+        ids = observed(self.model, image)
+        if not ids:
+            return 0.0
+        keypoints = from_colmap(np.array([image.points2D[keypoint].xy for keypoint in ids]))
+        pose = self.poses[name]
+        points = self.world(ids.values()) @ pose[:, :3].T + pose[:, 3]
+        off = keypoints - projected(self.model.cameras[image.camera_id], points)
+        return float(np.median(np.linalg.norm(off, axis=1)))
 
     def _departure(self, name: str, others: Collection[str]) -> float:
         """Return how far a registered frame is off the path of others, in standard deviations."""

@@ -24,6 +24,7 @@ from blur2view.colmap.blurred_pose import BlurredPose, _shared_out
 from blur2view.colmap.blurred_tracks import check_project, track_frames
 from blur2view.colmap.frame_sequence import (
     INDEPENDENT_SHARE,
+    MAX_DEPARTURE,
     NEAR_FRAMES,
     NO_FIT,
     SPLINE_TAIL,
@@ -525,7 +526,7 @@ DAMAGES = {
 }
 
 
-def test_a_registered_frame_with_few_points_and_off_the_path_is_misplaced(
+def test_a_registered_frame_with_few_points_and_off_the_path_or_these_is_misplaced(
     folder: Path, network: ExactSmears
 ) -> None:
     sequence = FrameSequence(folder / "model", folder / "frames", PLANE.names, network)  # type: ignore[arg-type]
@@ -540,6 +541,9 @@ def test_a_registered_frame_with_few_points_and_off_the_path_is_misplaced(
     assert sequence.misplaced() == [name]
     sequence.poses[name] = right
     assert sequence.misplaced() == []
+    sequence.poses[name] = changed(right, np.array([0.005, 0, 0, 0, 0, 0]))  # by about a pixel, on the path
+    assert sequence._departure(name, sequence.poses.keys() - {name}) < MAX_DEPARTURE
+    assert sequence.misplaced() == [name]
 
 
 @pytest.mark.parametrize("reason", DAMAGES)
