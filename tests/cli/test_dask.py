@@ -70,7 +70,7 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
     cluster: Cluster, run: Call, tmp_path: Path, tiny_model: Path
 ) -> None:
     address, (_, *workers) = cluster
-    write_photographs(tmp_path / "in", 30, (128, 160))
+    write_photographs(tmp_path / "in", 20)
     assert run(tmp_path / "in", "-o", tmp_path / "here") == 0
     words = ["estimate", tmp_path / "in", "--model", tiny_model, "--dask", address]
     running = start(*words, "-o", tmp_path / "out", gate=tmp_path / "gate")
@@ -79,7 +79,7 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
     (tmp_path / "gate").touch()
     printed, complaints = running.communicate()
     assert running.returncode == 0 and complaints == ""
-    assert printed.splitlines()[-1].startswith("30 photographs: 30 done (")
+    assert printed.splitlines()[-1].startswith("20 photographs: 20 done (")
     assert contents(tmp_path / "out") == contents(tmp_path / "here")
 
 
@@ -87,7 +87,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
     cluster: Cluster, run: Call, tmp_path: Path, tiny_model: Path
 ) -> None:
     address, (scheduler, *_) = cluster
-    write_photographs(tmp_path / "in", 30, (128, 160))
+    write_photographs(tmp_path / "in", 20)
     words = [tmp_path / "in", "-o", tmp_path / "out"]
     dask = ["--dask", address]
     running = start("estimate", *words, "--model", tiny_model, *dask, gate=tmp_path / "gate")

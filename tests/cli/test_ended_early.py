@@ -85,7 +85,7 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
 def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     run: Call, tmp_path: Path, tiny_model: Path
 ) -> None:
-    write_photographs(tmp_path / "in", 24, (128, 160))
+    write_photographs(tmp_path / "in", 16)
     assert run(tmp_path / "in", "-o", tmp_path / "whole") == 0
     words = [tmp_path / "in", "--model", tiny_model]
     killed = start("estimate", *words, "--jobs", 2, "-o", tmp_path / "out", gate=tmp_path / "gate")
@@ -95,14 +95,14 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     before = len(list((tmp_path / "out").glob("*.json")))
     done = run(tmp_path / "in", "-o", tmp_path / "out", "--resume")
     assert done == 0 and 3 <= before <= 8
-    assert f"{24 - before} done, {before} done before" in done.out
+    assert f"{16 - before} done, {before} done before" in done.out
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 @SIGNALS
 @pytest.mark.slow
 def test_interrupt_leaves_no_half_written_file(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 16, (320, 400))
+    write_photographs(tmp_path / "in", 16)
     words = [tmp_path / "in", "--jobs", 2, "--model", tiny_model, "-o", tmp_path / "out"]
     running = start("estimate", *words, gate=tmp_path / "gate")
     wait_for(running, tmp_path / "out", 4)

@@ -55,7 +55,7 @@ import sys, time
 from pathlib import Path
 from blur2view import files
 from blur2view.__main__ import program
-from blur2view.cli import executors
+from blur2view.cli.batch import executors
 
 write, free, gate, end = files.write_files, iter(range(8)), Path(sys.argv.pop(1)), time.monotonic() + 600
 
