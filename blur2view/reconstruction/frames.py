@@ -1,5 +1,6 @@
 """The frames of a video, and which of them COLMAP gets: the sharpest of each stretch of the camera's way."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path, PurePath
@@ -46,6 +47,8 @@ class Frame(NamedTuple):
 
 def list_frames(video: Path) -> list[tuple[str, Source]]:
     """Return the frames of a video or folder by the names that they get; ImageError if there are none."""
+    if not os.path.lexists(video):
+        raise ImageError(f"{video}: no such video or folder; check the path")
     inputs = list_photographs([str(video)], recursive=True).readable()
     if inputs.one_video:
         return [(frame_file(source.frame or 0), source) for source in inputs.sources]
@@ -58,6 +61,13 @@ def list_frames(video: Path) -> list[tuple[str, Source]]:
         for name, source in zip(inputs.names(), inputs.sources, strict=True)
     ]
     return list(zip(plain_names(names), inputs.sources, strict=True))
+
+
+def refuse_few(video: Path, count: int) -> None:
+    """Raise ImageError if a video has so few frames that they make no scene."""
+    if count < MIN_FRAMES:
+        frames = "1 frame" if count == 1 else f"{count} frames"
+        raise ImageError(f"{video}: has {frames}, but a scene needs at least {MIN_FRAMES}")
 
 
 def colmap_content(source: Source) -> bytes:

@@ -18,7 +18,7 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.colmap import transforms
-from blur2view.errors import DatabaseError, ImageError, OutputError
+from blur2view.errors import DatabaseError, OutputError
 from blur2view.files import locked, quick_digest, unwritable, writable_folder, write_file
 from blur2view.images.inputs import Source
 from blur2view.networks.model_file import usable_cores
@@ -29,13 +29,14 @@ from blur2view.reconstruction.frames import (
     colmap_content,
     list_frames,
     looked_at,
+    refuse_few,
     sharp_enough,
     stood_still,
     stored_size,
 )
 from blur2view.reconstruction.mapping import STOOD_STILL, map_frames
 from blur2view.reconstruction.masks import MASKS, Masks, write_masks
-from blur2view.reconstruction.options import MIN_FRAMES, ReconstructionOptions
+from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.outcome import Reconstruction, shown_frames
 from blur2view.reconstruction.read_once import AllWindows, KeptSmears, LooksAtShort, blur_of_frames
 from blur2view.reconstruction.recovering import recover_missing
@@ -120,6 +121,7 @@ def reconstruct(
             f"{folder}: is the video, or lies in the folder of its frames; name another folder with -o"
         )
     listed = dict(list_frames(video))
+    refuse_few(video, len(listed))
     if options.camera:  # which is checked before anything is written
         options.for_colmap(stored_size(next(iter(listed.values()))))
     writable_folder(folder)
@@ -213,10 +215,7 @@ class _Making:
         """Return all frames, and which of them are chosen."""
         with self.step("looking at frames") as show:
             frames = list(looked_at(list(self.listed.items()), show))
-        if len(frames) < MIN_FRAMES:
-            raise ImageError(
-                f"{self.video}: has {len(frames)} frames, but a scene needs at least {MIN_FRAMES}"
-            )
+        refuse_few(self.video, len(frames))  # of those that a video announces, some may not be there
         return {"frames": frames, "chosen": [frame.name for frame in chosen(frames, self.options.frames)]}
 
     def _write_images(self, names: list[str]) -> int:

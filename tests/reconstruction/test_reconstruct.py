@@ -191,7 +191,8 @@ def test_a_camera_is_scaled_to_the_frames_or_refused_before_anything_is_written(
     assert model == "SIMPLE_RADIAL"
     assert [float(one) for one in params.split(",")] == pytest.approx([1050.2, 640, 480, 0.05])
     (tmp_path / "frames").mkdir()
-    cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.zeros((90, 160, 3), np.uint8))
+    for name in ("a.png", "b.png", "c.png"):
+        cv2.imwrite(str(tmp_path / "frames" / name), np.zeros((90, 160, 3), np.uint8))
     with pytest.raises(CameraError, match="for 640x480 pixels, but the photograph has 160x90"):
         reconstruct(tmp_path / "frames", tmp_path / "scene", options)
     assert not (tmp_path / "scene").exists()
@@ -204,7 +205,8 @@ def test_names_that_colmaps_lists_and_json_cannot_hold_are_changed() -> None:
 
 def test_a_scene_that_another_call_makes_is_left_to_it(tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
-    cv2.imwrite(str(tmp_path / "frames" / "a.png"), PLANE.render(0))
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), PLANE.render(0))
     (tmp_path / "scene").mkdir()
     words = [sys.executable, "-m", "blur2view", "reconstruct", str(tmp_path / "frames"), "-o"]
     with locked(tmp_path / "scene", alone=True):
@@ -250,6 +252,17 @@ def test_a_video_is_digested_once_in_a_folder_too(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr("blur2view.reconstruction.reconstruct.quick_digest", lambda path: read.append(path))
     network: Any = SimpleNamespace(model_id="")
     assert _digest(dict(list_frames(tmp_path)), OPTIONS, network) and read == [tmp_path / "a.gif"]
+
+
+def test_what_is_not_there_or_has_too_few_frames_is_refused_before_anything_is_written(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "few").mkdir()
+    cv2.imwrite(str(tmp_path / "few/1.png"), np.zeros((48, 64), np.uint8))
+    for name, why in (("few", "has 1 frame, but a scene needs at least 3"), ("a.mp4", "no such video")):
+        with pytest.raises(ImageError, match=why):
+            reconstruct(tmp_path / name, tmp_path / "scene")
+        assert not (tmp_path / "scene").exists()
 
 
 def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
