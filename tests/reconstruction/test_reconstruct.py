@@ -656,6 +656,24 @@ def test_half_of_the_consecutive_frames_of_a_still_scene_are_segmented(
     assert {path.name for path in work.iterdir()} == {f"{name}.png" for name in PLANE.names[::2]}
 
 
+@pytest.mark.parametrize("moves_at", [None, 4])
+def test_a_quarter_of_many_consecutive_frames_in_which_nothing_moves_is_segmented(
+    whole: Reconstruction,
+    moving: set[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    moves_at: int | None,
+) -> None:
+    monkeypatch.setattr(masks, "ENOUGH", 2)
+    if moves_at is not None:
+        moving |= set(PLANE.names[moves_at : moves_at + 2])
+    work, scene = tmp_path / "work", Path(shutil.copytree(whole.folder, tmp_path / "scene"))
+    written = masked(scene, work, consecutive=True)
+    segmented = {PLANE.names.index(path.stem) for path in work.iterdir()}
+    assert segmented == ({0, 4} if moves_at is None else {0, 2, 3, 4, 5, 6})
+    assert len(written.moving) == (0 if moves_at is None else 2)
+
+
 @pytest.mark.parametrize("dialect", ["nerfstudio", "instant-ngp"])
 def test_where_something_moves_all_frames_have_masks_that_trainers_find(
     whole: Reconstruction, moving: set[str], tmp_path: Path, dialect: str
