@@ -7,19 +7,23 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
+from types import ModuleType
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
 import onnx
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import ThreadpoolController, threadpool_info
 
 from blur2view.errors import ModelError
+from blur2view.networks import model_file
 from blur2view.networks.model_file import (
     MOVERS,
     UNET,
     Execution,
     NetworkFormat,
+    OneThread,
     OnnxNetwork,
     model_path,
     once,
@@ -119,6 +123,17 @@ def test_threads_are_as_before_after_the_outermost_block_and_after_an_error() ->
         assert set(threads()) == {1}
         raise KeyError
     assert threads() == before
+
+
+def test_libraries_are_listed_anew_only_once_something_was_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    block, listed = OneThread(), Mock(wraps=ThreadpoolController)
+    monkeypatch.setattr(model_file, "ThreadpoolController", listed)
+    for imported in (0, 0, 1, 0):
+        if imported:
+            monkeypatch.setitem(sys.modules, "made_up", ModuleType("made_up"))
+        with block:
+            assert set(threads()) == {1}
+    assert listed.call_count == 2
 
 
 def test_two_threads_that_ask_at_once_share_one_result() -> None:
