@@ -73,7 +73,7 @@ class RecoverOptions:
         fewer points""")
     max_smear: Annotated[Length | None, length] = option("""--max-smear PX: also give a new pose to frames of
         the model whose smears are longer, in pixels or, as 2%%, in per cent of their width, and to those that
-        see little and are far off the path of the others; COLMAP's pose stays where none is found""")
+        see little and do not fit the others; COLMAP's pose stays where none is found""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
         adjustment); other poses stay as they are""")
     views: bool = flag("""--views: also add both views of each recovered frame (default: only if MODEL has

@@ -74,9 +74,9 @@ def recover_frames(
         Whether recovered frames keep the keypoints that they have in the database, so that COLMAP's mappers
         go on with both. They observe fewer points: those that were found where a keypoint is.
     max_smear_px : float, optional
-        Frames of the model with longer smears, in pixels, and those that see little and are far off the path
-        of the others, get a new pose from the others; those for which none is found keep theirs. By default
-        all do.
+        Frames of the model with longer smears, in pixels, and those that see little and do not fit the others
+        (`FrameSequence.misplaced`), get a new pose from the others; those for which none is found keep
+        theirs. By default all do.
     views : bool, optional
         Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
         NAME#close, for which there are no files; by default if the model has such images.

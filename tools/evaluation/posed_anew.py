@@ -23,7 +23,7 @@ LEAD = f"""\
 Of a sequence whose every frame has a pose runs of 5 of every 15 frames are the mean of 2 *wider* + 1
 consecutive ones in linear light. *COLMAP* gets every frame and the camera, and matches exhaustively with
 default options. *Anew* is its model after `blur2view recover --max-smear {MAX_SMEAR_PX:g}`: frames with
-longer smears, and those that see little and are off the path, get a new pose from the others, and frames that
+longer smears, and those that see little and do not fit, get a new pose from the others, and frames that
 COLMAP refused are recovered. Errors are those of [reconstructed.md](reconstructed.md): after a similarity
 that aligns all frames with the true ones, rotations in degrees and positions in steps, median / 90 % over
 frames with a pose, and over those of the runs."""
