@@ -16,15 +16,14 @@ import pytest
 from blur2view.colmap.database import write_database
 from blur2view.colmap.transforms import point_cloud
 from blur2view.errors import OutputError
-from blur2view.files import (
+from blur2view.files import open_regular, read_regular
+from blur2view.output import (
     SIGNATURES,
     check_file,
     half_written,
     is_ours,
     locked,
     note,
-    open_regular,
-    read_regular,
     signed,
     unwritable,
     writable_folder,
@@ -100,7 +99,7 @@ def test_a_call_killed_between_note_and_file_may_be_repeated(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no locks of folders")
 def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends(tmp_path: Path) -> None:
-    program = "import sys, pathlib; from blur2view.files import locked\n"
+    program = "import sys, pathlib; from blur2view.output import locked\n"
     program += "with locked(pathlib.Path(sys.argv[1])): print(flush=True); sys.stdin.read()"
     command, pipe = [sys.executable, "-c", program, str(tmp_path)], subprocess.PIPE
     holder = subprocess.Popen(command, stdin=pipe, stdout=pipe)

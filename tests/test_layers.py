@@ -20,6 +20,7 @@ PACKAGE = ROOT / "blur2view"
 ROWS = [
     "__init__ arrays errors",
     "files processes",
+    "output",
     "camera smears",
     "geometry images",
     "networks",

@@ -19,11 +19,11 @@ from blur2view.arrays import TINY, AnyArray, white_level
 from blur2view.cli.batch.executors import Shared
 from blur2view.cli.batch.job import Job, Outcome
 from blur2view.errors import ImageError
-from blur2view.files import unwritable, writable_folder
 from blur2view.images.image import Content, read_picture
 from blur2view.images.inputs import Source, encode_png
 from blur2view.images.pixels import gradient_energy
 from blur2view.images.video import EndOfVideo, frame_time
+from blur2view.output import unwritable, writable_folder
 from blur2view.records.record import Record
 from blur2view.records.verdict import Use
 

@@ -15,7 +15,7 @@ from blur2view.cli.options import Command, Document, Folder, InTime, Order
 from blur2view.cli.parser import file_path, flag, rare_option
 from blur2view.cli.terminal import reason_line, verdict_line
 from blur2view.errors import OutputError
-from blur2view.files import write_file
+from blur2view.output import write_file
 from blur2view.records.record import Record, explanations
 from blur2view.records.verdict import fit_line
 from blur2view.results.gyroflow import gyroflow_log

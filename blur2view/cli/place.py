@@ -10,7 +10,7 @@ from blur2view.cli.parser import rare_option, required, share
 from blur2view.cli.terminal import complain, plural, printable, waiting
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
-from blur2view.files import writable_folder
+from blur2view.output import writable_folder
 
 SHOWN = 3  # frames of each reason without -v
 REMEDY = "link all frames of the video (blur2view to-colmap --link), or give --fraction if all are sharp"

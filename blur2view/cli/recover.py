@@ -20,7 +20,7 @@ from blur2view.colmap.models import (
     write_model,
 )
 from blur2view.errors import DatabaseError, OutputError, RunError
-from blur2view.files import writable_folder
+from blur2view.output import writable_folder
 
 if TYPE_CHECKING:
     from blur2view.colmap.frame_sequence import FrameSequence

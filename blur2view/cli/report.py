@@ -14,8 +14,8 @@ from blur2view.cli.batch.summary import print_summary, print_table, print_total
 from blur2view.cli.options import Command, InTime, Order
 from blur2view.cli.parser import file_path, option
 from blur2view.cli.terminal import printable, reason_line, verdict_line
-from blur2view.files import write_file
 from blur2view.movers.moving import THRESHOLD
+from blur2view.output import write_file
 from blur2view.pipeline import segment
 from blur2view.results.report import report, section
 

@@ -17,10 +17,11 @@ from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths, storable
 from blur2view.errors import DatabaseError, OutputError
-from blur2view.files import check_file, open_picture, open_regular, signed, writable_folder, write_beside
+from blur2view.files import open_picture, open_regular
 from blur2view.images.image import RAW_SUFFIXES, read_orientation
 from blur2view.images.pixels import stored_from_upright
 from blur2view.movers.mask import DAMAGED, MaskFormat, stored_labels
+from blur2view.output import check_file, signed, writable_folder, write_beside
 from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given

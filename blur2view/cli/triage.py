@@ -21,9 +21,9 @@ from blur2view.cli.options import Command
 from blur2view.cli.parser import Length, file_path, flag, length, neighbours, option, radius
 from blur2view.cli.terminal import complain, verdict_line
 from blur2view.errors import ImageError, OutputError, RunError
-from blur2view.files import write_file
 from blur2view.images.inputs import Source, frame_file
 from blur2view.images.video import frame_times
+from blur2view.output import write_file
 from blur2view.records.record import LOOK, explanations
 from blur2view.records.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.results.triage import record_of_look

@@ -22,8 +22,8 @@ from blur2view.colmap.blurred_pose import find_pose
 from blur2view.colmap.frame_sequence import FrameSequence
 from blur2view.colmap.project import check_schema, image_names, open_read_only, read_camera, read_keypoints
 from blur2view.colmap.warped_view import View, inverse_depth_at
-from blur2view.files import half_written
 from blur2view.images.pixels import to_resized
+from blur2view.output import half_written
 
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # cv2.goodFeaturesToTrack of a frame after smoothing

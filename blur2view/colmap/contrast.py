@@ -23,8 +23,9 @@ from PIL import Image
 from blur2view.arrays import white_level
 from blur2view.errors import ImageError, OutputError
 from blur2view.exposure.sequence import frame_names
-from blur2view.files import open_picture, unwritable
+from blur2view.files import open_picture
 from blur2view.images.image import read_content, read_picture
+from blur2view.output import unwritable
 
 # Between the 1 and 99 % quantiles of the greys, of 255: 65 to 82 in shared/data/underwater, 202 to 217 in
 # RedKitchen, 161 to 244 in Kodak's photographs

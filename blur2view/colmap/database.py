@@ -24,8 +24,8 @@ from blur2view.camera import Camera, colmap_camera, from_colmap, to_colmap
 from blur2view.colmap import project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews, half_geometry
-from blur2view.files import half_written, write_files
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.output import half_written, write_files
 
 GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses
 # Whether every image is a view, and no other pairs are matched than both views of a photograph.

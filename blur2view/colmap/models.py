@@ -15,16 +15,8 @@ from blur2view.camera import NO_RAYS
 from blur2view.colmap.project import CAMERA_SENSOR, MAX_FRAMES, has_frames, image_names, open_read_only
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.files import (
-    file_digest,
-    half_written,
-    is_noted,
-    locked,
-    note,
-    open_regular,
-    read_regular,
-    writable_folder,
-)
+from blur2view.files import file_digest, open_regular, read_regular
+from blur2view.output import half_written, is_noted, locked, note, writable_folder
 
 # Bytes of a record before the number of its parts, but for an image's name, of that number, and of a part;
 # of cameras and rigs those of the smallest record.

@@ -16,17 +16,17 @@ from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.colmap.frame_sequence import FrameSequence, RecoveredFrame
 from blur2view.errors import OutputError, RunError
-from blur2view.files import (
+from blur2view.files import file_digest
+from blur2view.networks.smear_network import SmearNetwork, SmearReader
+from blur2view.output import (
     add_checked_line,
     checked_line,
     checked_lines,
-    file_digest,
     is_ours,
     signed,
     unwritable,
     write_file,
 )
-from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.processes import not_started, processes, spawn_context
 
 SMEAR = "smear_px"  # key of a line that has it
@@ -35,6 +35,7 @@ Result: TypeAlias = RecoveredFrame | str
 OfEach = Callable[[Callable[[FrameSequence, str], Any], Sequence[str]], Iterator[Any]]
 """Yields what a method of a sequence returns of frames, in order."""
 Show = Callable[[int, int], None]
+"""Gets how many parts of a step are done, of how many."""
 
 
 class Notes:

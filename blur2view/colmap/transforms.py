@@ -36,8 +36,8 @@ from blur2view.colmap.models import DATABASE, noted, observed
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.files import SIGNED_BY
 from blur2view.geometry.pose import rotation_vector
+from blur2view.output import SIGNED_BY
 
 INSTANT_NGP, NERFSTUDIO, GSPLAT = DIALECTS = ("instant-ngp", "nerfstudio", "gsplat")
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP

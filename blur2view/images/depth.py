@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.files import is_ours, read_regular
+from blur2view.files import read_regular
+from blur2view.output import is_ours
 
 OTHERS = 8  # files of a folder that are looked at: bound
 MIN_BRIGHTEST = 128  # of a photograph that fills 8 bits: a darker one is read alike with either white (bound)

@@ -17,9 +17,10 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
-from blur2view.files import is_ours, open_picture, read_regular, read_stream, real_paths
+from blur2view.files import open_picture, read_regular, read_stream
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES, Content, read_content
 from blur2view.images.video import SUFFIXES, frame_numbers, is_video, read_frame
+from blur2view.output import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 DIGITS, MAX_DIGITS = 6, 18  # of a frame's number: as it is written, and bound of what is read

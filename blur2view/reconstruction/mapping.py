@@ -15,11 +15,12 @@ from blur2view.colmap.contrast import write_stretched
 from blur2view.colmap.mapping import SEED, SOLVER_SECONDS, blurred_options
 from blur2view.colmap.models import registered_images, write_model
 from blur2view.colmap.project import connect
+from blur2view.colmap.recovery_run import Show
 from blur2view.errors import DatabaseError
 from blur2view.images.image import read_picture
 from blur2view.reconstruction.colmap_process import in_process, tell
 from blur2view.reconstruction.options import ReconstructionOptions
-from blur2view.reconstruction.scene import DATABASE, IMAGES, WORK, Show, Step
+from blur2view.reconstruction.scene import DATABASE, IMAGES, WORK, Step
 
 MIN_REGISTERED = 0.5  # share of the mapped frames; with fewer they are read anew by `blurred_options`
 EXHAUSTIVE = 150  # frames up to which all pairs are matched

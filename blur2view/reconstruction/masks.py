@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.files import read_regular, write_file
+from blur2view.files import read_regular
 from blur2view.images.image import read_picture
 from blur2view.movers.mask import MaskFormat
 from blur2view.networks.smear_network import SmearReader
+from blur2view.output import write_file
 from blur2view.pipeline import estimate, segment
 from blur2view.reconstruction.static_points import StaticPoints
 from blur2view.results.overlay import png

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.files import add_checked_line, checked_line, checked_lines, open_regular, write_file
+from blur2view.files import open_regular
 from blur2view.images.image import read_picture
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
+from blur2view.output import add_checked_line, checked_line, checked_lines, write_file
 from blur2view.pipeline import estimate
 from blur2view.reconstruction.scene import Step
 from blur2view.smears.grid import DAMAGE, SmearGrid

@@ -19,10 +19,11 @@ from typing import Any
 from blur2view import __version__
 from blur2view.colmap import transforms
 from blur2view.errors import DatabaseError, OutputError
-from blur2view.files import locked, quick_digest, unwritable, writable_folder, write_file
+from blur2view.files import quick_digest
 from blur2view.images.inputs import Source
 from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
+from blur2view.output import locked, unwritable, writable_folder, write_file
 from blur2view.reconstruction.frames import (
     Frame,
     chosen,

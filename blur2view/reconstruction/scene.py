@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
+from blur2view.colmap.recovery_run import Show
 from blur2view.errors import OutputError
-from blur2view.files import signed, write_file
+from blur2view.output import signed, write_file
 
 STATE = "reconstruction.json"
 IMAGES, SPARSE, EXPOSURES, DATABASE = "images", "sparse/0", "exposures", "database.db"
 TRANSFORMS, REPORT, WORK = "transforms.json", "report.html", "work"
-Show = Callable[[int, int], None]
 Step = Callable[[str], AbstractContextManager[Show]]
 
 

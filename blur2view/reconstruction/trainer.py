@@ -7,8 +7,8 @@ from blur2view import __version__
 from blur2view.colmap import transforms
 from blur2view.colmap.models import read_model
 from blur2view.errors import DatabaseError
-from blur2view.files import check_file, signed, write_beside
 from blur2view.movers.mask import MaskFormat
+from blur2view.output import check_file, signed, write_beside
 from blur2view.reconstruction.masks import MASKS
 from blur2view.reconstruction.options import ReconstructionOptions
 from blur2view.reconstruction.scene import EXPOSURES, IMAGES, TRANSFORMS

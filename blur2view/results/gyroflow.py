@@ -12,7 +12,7 @@ import io
 from collections.abc import Iterable
 
 from blur2view.errors import OutputError
-from blur2view.files import SIGNED_BY
+from blur2view.output import SIGNED_BY
 from blur2view.records.record import Record
 
 TICK_S = 1e-6  # of the column of times

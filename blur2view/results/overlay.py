@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from blur2view.arrays import TINY, AnyArray, Array
-from blur2view.files import SIGNED_BY
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.images.pixels import as_floats, as_photograph, to_resized
 from blur2view.movers.mask import MotionLabel, MotionMask
+from blur2view.output import SIGNED_BY
 from blur2view.pipeline import Estimate
 from blur2view.records.record import Record
 from blur2view.records.verdict import fit_line, percent

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from blur2view.files import SIGNED_BY
+from blur2view.output import SIGNED_BY
 
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """The Content-Security-Policy, which forbids all else to whatever a name may smuggle in."""

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
-from blur2view.files import GRID_KEY, open_regular
+from blur2view.files import open_regular
+from blur2view.output import GRID_KEY
 from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP, SHORTEST_PX, STILL_PX
 from blur2view.smears.noise import WINDOW_PX
 

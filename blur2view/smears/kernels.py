@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array, Floats
-from blur2view.files import KERNELS_KEY
+from blur2view.output import KERNELS_KEY
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.blur_map import is_sure
 from blur2view.smears.grid import SmearGrid

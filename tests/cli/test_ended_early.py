@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from blur2view import files
+from blur2view import output
 from blur2view.cli.batch import photograph
 from blur2view.cli.batch import run as command
 from blur2view.errors import OutputError
-from blur2view.files import write_files
 from blur2view.images.image import read_picture
+from blur2view.output import write_files
 from tests.support.calls import Call
 from tests.support.many_photographs import ROOT, contents, start, write_photographs
 
@@ -38,7 +38,7 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
         write_files(files, **how)
 
     with monkeypatch.context() as patched:
-        patched.setattr(files, "write_files", full)
+        patched.setattr(output, "write_files", full)
         error, stopped = run(folder, "-o", tmp_path / "out").lines
     assert "No space left on device" in error
     assert stopped.startswith("blur2view: stopped after 3 of 5 photographs")

@@ -12,7 +12,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
-from blur2view.files import NOTES
+from blur2view.output import NOTES
 from tests.support.colour_code import colour_code
 from tests.support.many_photographs import write_frames
 from tests.support.walks import Walk, on_plane

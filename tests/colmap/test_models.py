@@ -26,7 +26,7 @@ from blur2view.colmap.models import (
     write_model,
 )
 from blur2view.errors import DatabaseError, OutputError
-from blur2view.files import NOTES
+from blur2view.output import NOTES
 from tests.support.walks import Walk
 
 WALK = Walk(

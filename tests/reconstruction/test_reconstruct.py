@@ -30,10 +30,10 @@ from PIL import ExifTags, Image
 from blur2view.arrays import AnyArray
 from blur2view.cli.reconstruct import outcome_table
 from blur2view.errors import CameraError, DatabaseError, ImageError, OutputError, RunError
-from blur2view.files import locked, write_file
 from blur2view.images.image import read_image, read_picture
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import Detail, SmearNetwork
+from blur2view.output import locked, write_file
 from blur2view.reconstruction import colmap_process, mapping, masks
 from blur2view.reconstruction.colmap_process import in_process
 from blur2view.reconstruction.frames import (

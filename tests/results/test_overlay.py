@@ -7,10 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from blur2view.files import is_ours
 from blur2view.geometry.configuration import Configuration
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.output import is_ours
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import draw_overlay, png
 from blur2view.smears.camera_motion import blur_of

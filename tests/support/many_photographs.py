@@ -53,11 +53,11 @@ def command(*words: object) -> list[str]:
 HELD = """
 import sys, time
 from pathlib import Path
-from blur2view import files
+from blur2view import output
 from blur2view.__main__ import program
 from blur2view.cli.batch import executors
 
-write, free, gate, end = files.write_files, iter(range(8)), Path(sys.argv.pop(1)), time.monotonic() + 600
+write, free, gate, end = output.write_files, iter(range(8)), Path(sys.argv.pop(1)), time.monotonic() + 600
 
 def held(*given, **how):
     if next(free, None) is None:
@@ -65,7 +65,7 @@ def held(*given, **how):
             time.sleep(0.01)
     write(*given, **how)
 
-files.write_files, executors.CONNECT_S, executors.WORKERS_S = held, 300, 300
+output.write_files, executors.CONNECT_S, executors.WORKERS_S = held, 300, 300
 sys.exit(program())
 """
 

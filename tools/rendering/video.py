@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.files import write_file
 from blur2view.geometry.pose import rotation_matrix
+from blur2view.output import write_file
 from tools.rendering.render import Exposure, grid_points, mean_frame, paint, stencil_alpha
 from tools.rendering.scene import Layer, Trajectory, sample_layers
 from tools.rendering.sensor import sharp_photograph

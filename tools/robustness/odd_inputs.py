@@ -20,8 +20,8 @@ from PIL.PngImagePlugin import PngInfo
 from blur2view.arrays import AnyArray
 from blur2view.cli import commands
 from blur2view.errors import OutputError
-from blur2view.files import NOTES
 from blur2view.networks.model_file import shipped_file
+from blur2view.output import NOTES
 from blur2view.reconstruction.scene import Scene
 
 Rng = np.random.Generator

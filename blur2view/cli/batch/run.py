@@ -17,9 +17,10 @@ from blur2view.cli.batch.schedule import combined_digest, in_cluster, in_process
 from blur2view.cli.options import STANDARD_OUTPUT, Command
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, waiting
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
-from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
+from blur2view.files import file_digest, read_regular
 from blur2view.images.inputs import Source
 from blur2view.networks.model_file import model_path, usable_cores
+from blur2view.output import check_file, real_paths, writable_folder, write_file
 from blur2view.records.record import Record, table_text
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}

@@ -16,9 +16,9 @@ from blur2view.cli.batch.job import Done, Find, Job, Look, Outcome, Work, failed
 from blur2view.cli.batch.reading import forget, read_ahead
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
 from blur2view.exposure.sequence import Features, Series
-from blur2view.files import NO_ROOM, write_beside
 from blur2view.images.image import Content
 from blur2view.images.inputs import Source
+from blur2view.output import NO_ROOM, write_beside
 from blur2view.processes import not_started, processes
 
 AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
