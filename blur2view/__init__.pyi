@@ -31,7 +31,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter as RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection as TimeDirection
 from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeometry
 from blur2view.images.image import read_image as read_image
-from blur2view.images.inputs import timestamps_of as timestamps_of
+from blur2view.images.times import timestamps_of as timestamps_of
 from blur2view.images.video import read_video as read_video
 from blur2view.movers.mask import MotionLabel as MotionLabel
 from blur2view.movers.mask import MotionMask as MotionMask

@@ -11,10 +11,11 @@ import pytest
 from PIL import ExifTags
 
 from blur2view.arrays import Array
-from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, read_exif, to_colmap
+from blur2view.camera import Camera, from_colmap, to_colmap
 from blur2view.cli.options import CameraStated
 from blur2view.colmap.project import camera_of_database
 from blur2view.errors import CameraError
+from blur2view.images.exif import EXIF_LOG_FOCAL, ExifValues, read_exif
 from tests.support.colmap_projects import run_sql
 from tests.support.scenes import distorted_points
 

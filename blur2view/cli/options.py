@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from blur2view.camera import CAMERA_FORM, Camera, ExifValues
+from blur2view.camera import CAMERA_FORM, Camera
 from blur2view.cli.parser import (
     dask_address,
     exposure_s,
@@ -27,6 +27,7 @@ from blur2view.cli.parser import (
 from blur2view.colmap.project import camera_of_database, check_cameras, database_named
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.exif import ExifValues
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
 from blur2view.smears.matches import SelectOptions

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
+from blur2view.camera import Camera
 from blur2view.cli.batch.job import Job, Outcome
 from blur2view.cli.batch.photograph import estimate_file
 from blur2view.cli.batch.run import Run
@@ -19,6 +19,7 @@ from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.configuration import Parallax
+from blur2view.images.exif import EXIF_LOG_FOCAL, ExifValues
 from blur2view.records.record import Record
 from blur2view.two_view.constants import TRANSLATION_RULE
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, Floats
-from blur2view.camera import ExifValues, read_exif
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import open_picture, read_regular
 from blur2view.images.depth import in_least_bits
+from blur2view.images.exif import ExifValues, read_exif
 from blur2view.images.pixels import (
     TOO_LARGE,
     as_floats,

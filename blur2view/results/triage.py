@@ -8,7 +8,8 @@ from typing import Any
 
 from blur2view.errors import ImageError
 from blur2view.images.image import read_picture
-from blur2view.images.inputs import Inputs, Source, list_photographs, timestamp_of
+from blur2view.images.inputs import Inputs, Source, list_photographs
+from blur2view.images.times import timestamp_of
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.pipeline import estimate

@@ -11,7 +11,7 @@ from blur2view.camera import Camera
 from blur2view.exposure.sequence import Matches, estimate_frames, in_time, picture_motion
 from blur2view.geometry.pose import rotation_flow
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.images.inputs import timestamp_of
+from blur2view.images.times import timestamp_of
 from blur2view.images.video import read_frame, read_video
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate

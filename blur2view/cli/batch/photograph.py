@@ -10,14 +10,16 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.arrays import AnyArray
-from blur2view.camera import Camera, ExifValues
+from blur2view.camera import Camera
 from blur2view.cli.batch.job import Job
 from blur2view.cli.options import Command, Estimating
 from blur2view.errors import CameraError
 from blur2view.exposure.sequence import Features, extract_features, in_time
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.exif import ExifValues
 from blur2view.images.image import Content, Picture, read_image, read_picture
-from blur2view.images.inputs import Source, timestamp_of
+from blur2view.images.inputs import Source
+from blur2view.images.times import timestamp_of
 from blur2view.images.video import rows_towards
 from blur2view.movers.mask import MotionMask
 from blur2view.networks.model_file import usable_cores
