@@ -27,6 +27,8 @@ import pycolmap
 
 import blur2view
 from blur2view.arrays import AnyArray
+from blur2view.movers.moving import moving_in
+from blur2view.networks.smear_network import Detail
 from tools.command import Target, publish, run, table
 from tools.datasets.testset import write_scene
 from tools.rendering.render import RenderOptions
@@ -38,13 +40,13 @@ ROOT = Path(__file__).resolve().parents[2]
 BLUR2VIEW = [sys.executable, "-m", "blur2view"]
 
 
-def timed(work: Callable[[], Any], repeats: int) -> float:
+def timed(work: Callable[[], Any], repeats: int, clock: Callable[[], float] = time.perf_counter) -> float:
     """Return the median seconds of a call, after one that is not counted."""
     seconds = []
     for _ in range(repeats + 1):
-        start = time.perf_counter()
+        start = clock()
         work()
-        seconds.append(time.perf_counter() - start)
+        seconds.append(clock() - start)
     return median(seconds[1:])
 
 
@@ -85,6 +87,26 @@ def process_rows(folder: Path, blurred: AnyArray, repeats: int) -> Iterator[tupl
     command = [*BLUR2VIEW, "estimate", str(photo), "-o", str(folder)]
     work = partial(subprocess.run, command, stdout=subprocess.DEVNULL, cwd=ROOT, check=True)
     yield "1280x720", f"{timed(work, repeats):.2f}"
+
+
+def naming_rows(video: Path, repeats: int) -> Iterator[tuple[str, ...]]:
+    """Yield rows of what `triage` does to the first two frames of a video, a sharp and a blurred one, warm.
+
+    Processor seconds by one thread.
+    """
+    network, capture = blur2view.SmearNetwork(threads=1), cv2.VideoCapture(str(video))
+    sharp, blurred = (cv2.cvtColor(capture.read()[1], cv2.COLOR_BGR2RGB) for _ in range(2))
+    grid, rng = network.predict(sharp), np.random.default_rng(0)
+    name = partial(blur2view.estimate, network=network, detail=Detail.RANKING, geometry=False)
+    steps: dict[str, Callable[[], Any]] = {
+        "first look": lambda: network.predict(sharp, detail=Detail.RANKING),
+        "all windows": lambda: network.predict(sharp),
+        "what moves by itself": lambda: moving_in(sharp, grid, rng, network.execution),
+        "a blurred frame": lambda: name(blurred),
+        "a sharp frame": lambda: name(sharp),
+    }
+    for step, work in steps.items():
+        yield step, f"{timed(work, repeats, time.process_time):.3f}"
 
 
 def video_rows(folder: Path, blurred: AnyArray, sharp: AnyArray) -> Iterator[tuple[str, ...]]:
@@ -153,6 +175,7 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
         blurred, sharp = (np.asarray(cv2.imread(str(path))) for path in (photo, ends[0]))
         processes = list(process_rows(folder, blurred, max(3, repeats // 3)))
         videos = list(video_rows(folder, blurred, sharp))
+        naming = list(naming_rows(folder / "640.mp4", repeats))
     publish(
         out,
         f"{machine()}; medians of {repeats} runs, of whole processes fewer.",
@@ -161,6 +184,7 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
         "Processor seconds a frame of whole processes, start included; in brackets over decoding by OpenCV. "
         f"Videos of {', '.join(map(str, VIDEOS.values()))} frames, a third of them sharp.",
         table(f"way | {' | '.join(f'{width}x{height}' for width, height in VIDEOS)}", videos),
+        table("what `triage` does to a frame, 640x480, warm, one thread | processor seconds", naming),
     )
 
 
