@@ -55,6 +55,7 @@ import sys, time
 from pathlib import Path
 from blur2view import output
 from blur2view.__main__ import program
+from blur2view.cli import terminal
 from blur2view.cli.batch import executors
 
 write, free, gate, end = output.write_files, iter(range(8)), Path(sys.argv.pop(1)), time.monotonic() + 600
@@ -65,7 +66,8 @@ def held(*given, **how):
             time.sleep(0.01)
     write(*given, **how)
 
-output.write_files, executors.CONNECT_S, executors.WORKERS_S = held, 300, 300
+output.write_files, terminal.LINE_S = held, 3600  # and no line says how far it is
+executors.CONNECT_S, executors.WORKERS_S = 60, 300  # a scheduler that was killed is sought as long
 sys.exit(program())
 """
 
