@@ -261,8 +261,8 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     example = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in models else None
     if example is None:
         defect = "has no rays in a plane" if model in NO_RAYS else "is an unknown model"
-        near = "".join(f"; did you mean {name}?" for name in get_close_matches(model, models, 1))
-        why = f"{model} {defect}{near or '; known are ' + ', '.join(models)}"
+        similar = "".join(f"; did you mean {name}?" for name in get_close_matches(model, models, 1))
+        why = f"{model} {defect}{similar or '; known are ' + ', '.join(models)}"
     elif len(params) != len(example.params):
         numbers = f"{len(example.params)} numbers ({example.params_info})"
         why = f"after width and height {model} has {numbers}, got {len(params)}"

@@ -95,8 +95,8 @@ def note(digests: Mapping[Path, str]) -> None:
         for path, digest in digests.items():
             real = Path(os.path.realpath(path))
             if real.parent == folder:
-                there = [file_digest(real)] if is_noted(real) else []
-                lines[real.name] = list(dict.fromkeys([*there, digest]))
+                current_digest = [file_digest(real)] if is_noted(real) else []
+                lines[real.name] = list(dict.fromkeys([*current_digest, digest]))
         rows = [f"{digest}  {_ascii(name)}\n" for name in sorted(lines) for digest in lines[name]]
         _replace({folder / NOTES: "".join(rows).encode()})
 
@@ -144,9 +144,9 @@ def writable_folder(folder: Path) -> Path:
     """
     if error := impossible(folder):
         raise unwritable(folder, error)
-    there = next(above for above in (folder, *folder.absolute().parents) if os.path.lexists(above))
+    nearest = next(above for above in (folder, *folder.absolute().parents) if os.path.lexists(above))
     try:
-        with tempfile.TemporaryFile(dir=there):  # of a name that no other process uses
+        with tempfile.TemporaryFile(dir=nearest):  # of a name that no other process uses
             pass
     except OSError as error:
         raise unwritable(folder, error) from None
@@ -155,7 +155,7 @@ def writable_folder(folder: Path) -> Path:
         if not _runs(int(number) if number.isdecimal() else 0):
             with suppress(OSError):
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-    return there
+    return nearest
 
 
 def write_files(files: Mapping[Path, bytes], *, noted: bool = False) -> None:
@@ -201,7 +201,7 @@ def locked(folder: Path, *, alone: bool = False) -> Iterator[None]:
     if (real := os.path.realpath(folder)) in _ALONE_IN and not alone:
         yield
         return
-    descriptor, taken = None, False
+    descriptor, is_taken = None, False
     with suppress(ImportError, OSError):
         import fcntl
 
@@ -209,18 +209,18 @@ def locked(folder: Path, *, alone: bool = False) -> Iterator[None]:
         for _ in range(round((PAUSE_S if alone else LOCK_S) / PAUSE_S)):
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                taken = False
+                is_taken = False
                 break
             except BlockingIOError:
-                taken = True
+                is_taken = True
                 time.sleep(PAUSE_S)
     try:
-        if alone and taken:
+        if alone and is_taken:
             raise OutputError(f"{folder}: another call writes there; let it end, or name another folder")
         _ALONE_IN.update([real] if alone else [])
         yield
     finally:
-        if alone and not taken:
+        if alone and not is_taken:
             _ALONE_IN.discard(real)
         if descriptor is not None:
             os.close(descriptor)

@@ -93,8 +93,8 @@ def parse(words: Sequence[str]) -> Any:
     if command.startswith("-"):
         _, unexpected = parser.parse_known_args(words)
         parser.error(f"unexpected argument: {' '.join(unexpected)}")
-    near = "".join(f"; did you mean {name}?" for name in get_close_matches(command, COMMANDS, 1))
-    parser.error(f"{command} is not a command{near}")
+    similar = "".join(f"; did you mean {name}?" for name in get_close_matches(command, COMMANDS, 1))
+    parser.error(f"{command} is not a command{similar}")
 
 
 def command_parser(command: str, *, everything: bool = False) -> CommandParser:

@@ -106,21 +106,21 @@ class CameraStated:
 
     def _check(self, camera: str) -> None:
         """Raise CameraError, before any photograph is read, if a string or a database has no such camera."""
-        if (stored := database_named(camera)) is None:
+        if (location := database_named(camera)) is None:
             if len(camera.replace(",", " ").split()) == 1:
                 why = f"is neither exif, nor a database that is there, nor {CAMERA_FORM}"
                 raise CameraError(f"camera {camera!r}: {why}")
             Camera.from_string(camera)
-        elif stored[1] is not None:
-            camera_of_database(*stored)
+        elif location[1] is not None:
+            camera_of_database(*location)
         else:
-            check_cameras(stored[0])
+            check_cameras(location[0])
 
     @property
     def database(self) -> Path | None:
         """The COLMAP database that has the camera, if one does."""
-        stored = database_named(self.camera or "")
-        return None if stored is None else stored[0]
+        location = database_named(self.camera or "")
+        return None if location is None else location[0]
 
     @property
     def given(self) -> bool:
@@ -141,8 +141,10 @@ class CameraStated:
             if (camera := exif.camera(image_size, log_focal_sigma=0.0)) is None:
                 raise CameraError(f"{path}: EXIF states no focal length; give it with --focal PX")
             return camera
-        stored = database_named(self.camera)
-        camera = Camera.from_string(self.camera) if stored is None else camera_of_database(*stored, str(path))
+        location = database_named(self.camera)
+        camera = (
+            Camera.from_string(self.camera) if location is None else camera_of_database(*location, str(path))
+        )
         try:
             return camera.for_image(image_size)
         except CameraError as error:

@@ -312,11 +312,11 @@ class CommandParser(Parser):
     def _refuse_unknown(self, name: str) -> None:
         """Refuse a name that no option has, and propose a similar one; -out is not -o ut."""
         options = list(self._option_string_actions)
-        near = [known for known in options if len(name) > 2 and known.startswith((name, f"-{name}"))]
-        if name in options or (name[:2] in options and not near):
+        similar = [option for option in options if len(name) > 2 and option.startswith((name, f"-{name}"))]
+        if name in options or (name[:2] in options and not similar):
             return
-        near += get_close_matches(name, options, 1, MIN_LIKENESS)
-        remedy = "".join(f"; did you mean {option}?" for option in near[:1])
+        similar += get_close_matches(name, options, 1, MIN_LIKENESS)
+        remedy = "".join(f"; did you mean {option}?" for option in similar[:1])
         self.error(f"{name} is not an option of {self.command}{remedy}")
 
 
@@ -354,8 +354,8 @@ def _settings(entry: Field[Any]) -> dict[str, Any]:
 
 def _made(kind: Any, values: Mapping[str, Any]) -> Any:
     """Make a dataclass, with its groups, from parsed values; ValueError if it refuses one."""
-    made = {
+    arguments = {
         entry.name: _made(entry.type, values) if is_dataclass(entry.type) else values[entry.name]
         for entry in fields(kind)
     }
-    return kind(**made)
+    return kind(**arguments)

@@ -69,11 +69,11 @@ class PlaceOptions:
         if not self.printing.quiet:
             for line in refused_lines(placement.refused, "placed", self.printing):
                 print(line)
-            made = f"{printable(str(self.output))}: {printable(str(model))} with views"
+            summary = f"{printable(str(self.output))}: {printable(str(model))} with views"
             counts = f"{plural(len(placement.placed), 'frame')} placed, {len(placement.refused)} refused"
             shaken = ", which is a guess because the camera shakes faster than the frames follow each other"
             guess = "" if placement.measured else shaken
-            print(f"{made}: {counts}; exposure over frame interval {placement.fraction:.2f}{guess}")
+            print(f"{summary}: {counts}; exposure over frame interval {placement.fraction:.2f}{guess}")
         return 0
 
 
@@ -81,6 +81,6 @@ def refused_lines(refused: Mapping[str, str], action: str, printing: Printing) -
     """Yield a line for each reason for which frames were refused; with -v every such frame is named."""
     for reason in dict.fromkeys(refused.values()):
         frames = [printable(name) for name, why in refused.items() if why == reason]
-        shown = frames if printing.verbose else frames[:SHOWN]
-        more = f" and {len(frames) - len(shown)} more (-v)" if len(frames) > len(shown) else ""
-        yield f"not {action}, {printable(reason)}: {', '.join(shown)}{more}"
+        examples = frames if printing.verbose else frames[:SHOWN]
+        more = f" and {len(frames) - len(examples)} more (-v)" if len(frames) > len(examples) else ""
+        yield f"not {action}, {printable(reason)}: {', '.join(examples)}{more}"

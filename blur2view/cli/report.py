@@ -54,8 +54,8 @@ class ReportOptions(Command):
         print_table(run)
         print_total(run)
         if run.done:
-            shown = [(outcome.record, outcome.part) for _, outcome in run.outcomes]
-            write_file(page, report(shown, __version__))
+            entries = [(outcome.record, outcome.part) for _, outcome in run.outcomes]
+            write_file(page, report(entries, __version__))
             if not self.silent:
                 print(f"wrote {printable(str(page))}")
         return run.exit_code
@@ -71,5 +71,5 @@ def entry_one(options: ReportOptions, job: Job) -> Outcome:
     summary = verdict_line(record)
     if options.printing.verbose:
         summary += f"\n  {reason_line(record)}"
-    shown = section(record, file.estimate, file.image, mask)
-    return Outcome(record=record, summary=summary, part=shown)
+    part = section(record, file.estimate, file.image, mask)
+    return Outcome(record=record, summary=summary, part=part)

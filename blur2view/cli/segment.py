@@ -107,10 +107,10 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     unseen = record.nothing_seen if record.camera_moved is None else ""
     contents = []
     if job.files:
-        stored = stored_from_upright(
+        labels_as_stored = stored_from_upright(
             mask.labels, file.picture.orientation
         )  # programs turn nothing by its EXIF
-        masks = [program.picture(stored) for program in options.programs]
+        masks = [program.picture(labels_as_stored) for program in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         blurs: list[AnyArray] = []
         if options.blur_map:

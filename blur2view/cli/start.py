@@ -54,8 +54,8 @@ def start() -> int:
 
 def begin_to_open_network(words: list[str]) -> threading.Thread | None:
     """Open the shipped network in a thread, if a command line will ask for it, beside all other imports."""
-    asked = bool(words) and words[0] in NETWORK_COMMANDS and "_ARGCOMPLETE" not in os.environ
-    if asked and not any(word.startswith(NOT_SHIPPED) for word in words):
+    needs_network = bool(words) and words[0] in NETWORK_COMMANDS and "_ARGCOMPLETE" not in os.environ
+    if needs_network and not any(word.startswith(NOT_SHIPPED) for word in words):
         import cv2  # noqa: F401  not in two threads at once: for an instant its import shows half of it
 
         from blur2view.networks.ahead import open_ahead

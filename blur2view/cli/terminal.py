@@ -87,14 +87,14 @@ def waiting(text: str, *, hidden: bool = False) -> Iterator[Callable[[int, int],
     """
     step = Step(printable(text))
     thread = threading.Thread(target=step.draw, daemon=True)  # the time moves on while a part takes long
-    shown = not hidden and sys.stderr is not None
-    if shown:
+    is_visible = not hidden and sys.stderr is not None
+    if is_visible:
         thread.start()
     try:
         yield step.note
     finally:
         step.ended.set()
-        if shown:
+        if is_visible:
             thread.join()
 
 

@@ -109,19 +109,19 @@ class ToColmapOptions(Command):
         run.do(views_one, print_failure, checked=db)
         print_table(run)
         print_written_table(run)
-        done = [(job, outcome.record, outcome.part) for job, outcome in run.outcomes if outcome.part]
-        if run.early_exit_code or not done:
+        estimates = [(job, outcome.record, outcome.part) for job, outcome in run.outcomes if outcome.part]
+        if run.early_exit_code or not estimates:
             return run.exit_code
-        views = [photograph_views for _, _, photograph_views in done]
-        with waiting(f"writing {plural(len(done), 'photograph')} to {db}", hidden=self.printing.quiet):
+        views = [photograph_views for _, _, photograph_views in estimates]
+        with waiting(f"writing {plural(len(estimates), 'photograph')} to {db}", hidden=self.printing.quiet):
             if self.link:
                 backup = write_links(db, views, backup=self.backup)
             else:
                 write_database(db, views)
-        records = [views_record(*each) for each in done]
+        records = [views_record(*each) for each in estimates]
         if self.document.json:
-            kept = None if backup is None else str(backup)
-            document = {"target": str(db), "backup": kept, "photographs": records}
+            backup_name = None if backup is None else str(backup)
+            document = {"target": str(db), "backup": backup_name, "photographs": records}
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
         elif not self.silent:
             print("\n".join(self._summary(records, backup)))
@@ -135,11 +135,11 @@ class ToColmapOptions(Command):
             why = "nothing is lost, because the depth of their points comes from your other photographs"
             if not self.link:
                 why = "COLMAP makes points from them only together with other photographs (--link)"
-            turned = "a rotation or a plane explains their smears equally well"
-            lines.append(f"translation undecided in {undecided} of {len(records)}: {turned}; {why}")
+            cause = "a rotation or a plane explains their smears equally well"
+            lines.append(f"translation undecided in {undecided} of {len(records)}: {cause}; {why}")
         count = f"{plural(2 * len(records), 'image')} of {plural(len(records), 'photograph')}"
-        kept = "" if backup is None else f"; backup {printable(str(backup))}"
-        return [*lines, f"{printable(str(self.db))}: wrote {count}{kept}"]
+        backup_note = "" if backup is None else f"; backup {printable(str(backup))}"
+        return [*lines, f"{printable(str(self.db))}: wrote {count}{backup_note}"]
 
 
 def views_one(options: ToColmapOptions, job: Job) -> Outcome:
@@ -150,14 +150,14 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
         camera = stated_camera.camera_for(path, size, exif)
         if plan is None:
             return camera
-        own = plan.camera
-        if (own.width, own.height) != size:
+        project_camera = plan.camera
+        if (project_camera.width, project_camera.height) != size:
             raise CameraError(
-                f"{path}: has {size[0]}x{size[1]} pixels, but {own.width}x{own.height} in {options.db}; "
-                "give the photograph from which the features were extracted"
+                f"{path}: has {size[0]}x{size[1]} pixels, but {project_camera.width}x{project_camera.height} "
+                f"in {options.db}; give the photograph from which the features were extracted"
             )
         hint = plan.prior_focal and not stated_camera.given
-        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
+        return replace(project_camera, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
 
     file = estimate_file(options, job, find_camera=find_camera)
     views = views_of(job.name, file.estimate)
@@ -203,11 +203,11 @@ def views_line(record: Mapping[str, Any], *, verbose: bool) -> str:
     name = printable(record["name"])
     if not record["num_matches"]:
         return f"{name}: {record['action']}, no matches: {record['reason']}"
-    moved = "translation undecided"
+    translation = "translation undecided"
     if record["translation_known"]:
-        moved = "parallax proven" if record["parallax"] == Parallax.PROVEN else "translation known"
+        translation = "parallax proven" if record["parallax"] == Parallax.PROVEN else "translation known"
     counts = f"{record['num_inliers']} of {record['num_matches']} matches fit"
     sure = int(100 * record["time_confidence"])
     order = f"known by neighbours ({sure} % sure)" if record["time_known"] else "unknown"
-    line = f"{name}: {record['action']}, {moved}; {counts}; order in time {order}"
+    line = f"{name}: {record['action']}, {translation}; {counts}; order in time {order}"
     return f"{line}\n  {record['config']}: {record['reason']}" if verbose else line

@@ -100,23 +100,23 @@ class ToTransformsOptions:
             writable_folder(beside)
         with waiting(f"reading {self.model}", hidden=self.printing.quiet):
             model = read_model(self.model)
-        listed = self._short_enough(model, transforms.exposed_images(model, self.model))
-        photographs = [photograph for photograph in listed if (images / photograph.image.name).is_file()]
+        candidates = self._short_enough(model, transforms.exposed_images(model, self.model))
+        photographs = [photograph for photograph in candidates if (images / photograph.image.name).is_file()]
         if not photographs:
-            missing = images / listed[0].image.name
+            missing = images / candidates[0].image.name
             raise OutputError(
                 f"{missing}: neither this photograph nor any other one is there; name their folder with "
                 f"--images"
             )
-        there = {image.name for image in model.images.values() if image.has_pose}
-        lost = smear_lengths(noted(self.model, DATABASE) or self.model).keys() - there
+        registered = {image.name for image in model.images.values() if image.has_pose}
+        unregistered = smear_lengths(noted(self.model, DATABASE) or self.model).keys() - registered
         write = _write_folder if gsplat else _write_file
         with waiting(f"writing {self.output}", hidden=self.printing.quiet):
             line = write(self, model, photographs, images)
-        if absent := len(listed) - len(photographs):
+        if absent := len(candidates) - len(photographs):
             line += f"; left out {plural(absent, 'photograph')} of the model not in {printable(str(images))}"
-        if lost:
-            line += f"; {plural(len(lost), 'linked frame')} not in the model (blur2view recover)"
+        if unregistered:
+            line += f"; {plural(len(unregistered), 'linked frame')} not in the model (blur2view recover)"
         if not self.printing.quiet:
             print(f"{printable(str(self.output))}: wrote {line}")
         return 0
@@ -125,16 +125,16 @@ class ToTransformsOptions:
         """Return the photographs with smears up to ``--max-smear``; DatabaseError if there is none."""
         if (limit := self.max_smear) is None:
             return photographs
-        kept = [
+        short = [
             photograph
             for photograph in photographs
             if photograph.smear_px is not None
             and photograph.smear_px <= limit.px(model.cameras[photograph.image.camera_id].width)
         ]
-        if not kept:
+        if not short:
             unit = "of the width" if limit.of_width else "px"
             raise DatabaseError(f"{self.model}: all smears are longer than {limit} {unit}; raise --max-smear")
-        return kept
+        return short
 
 
 def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tuple[int, int]]:
@@ -175,7 +175,7 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
         sizes=sizes,
         exposure_s=options.exposure,
     )
-    line, files, own = plural(len(photographs), "frame"), dict[Path, bytes](), dict[Path, bytes]()
+    line, files, own_files = plural(len(photographs), "frame"), dict[Path, bytes](), dict[Path, bytes]()
     if masks is not None:
         paths = _mask_paths(options, [*sizes], images)
         files = {
@@ -187,12 +187,12 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
                 frame["mask_path"] = path.relative_to(target.parent).as_posix()
     if transforms.PLY_KEY in content:
         check_file(target.parent / transforms.PLY)
-        own[target.parent / transforms.PLY] = transforms.point_cloud(model)
+        own_files[target.parent / transforms.PLY] = transforms.point_cloud(model)
         line += f" and their points, {transforms.PLY}"
-    own[target] = (json.dumps(signed(content, __version__), indent=2, allow_nan=False) + "\n").encode()
+    own_files[target] = (json.dumps(signed(content, __version__), indent=2, allow_nan=False) + "\n").encode()
     if files:
         write_beside(files)
-    write_beside(own, noted=True)
+    write_beside(own_files, noted=True)
     still = sum(not photograph.views for photograph in photographs)
     if still:
         line += f", {still} of them without views and taken as sharp (blur2view place adds views)"
@@ -246,11 +246,11 @@ def _write_folder(options: ToTransformsOptions, model: Any, photographs: Photogr
     if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
     names = _sizes(model, photographs, images).keys()  # gsplat scales the cameras by itself
-    kept = transforms.keep_photographs(model, names)
-    write_model(kept, folder, images)
+    selection = transforms.keep_photographs(model, names)
+    write_model(selection, folder, images)
     if not os.path.lexists(link):
         link.symlink_to(os.path.abspath(images), target_is_directory=True)
-    line = f"{plural(len(kept.images), 'photograph')} as sharp at mid exposure"
+    line = f"{plural(len(selection.images), 'photograph')} as sharp at mid exposure"
     smears = [photograph.smear_px or 0.0 for photograph in photographs]
     blurred = sum(smear_px > LONG_SMEAR_PX for smear_px in smears)
     if blurred and options.max_smear is None:

@@ -249,8 +249,8 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> AnyArray:
 
 def _start_and_white(photo: ImageFile.ImageFile) -> tuple[int, int]:
     """Return where the values of a binary PPM or PGM begin, and its white; 0 and 0 of any other file."""
-    stated: list[Any] = [tile for tile in photo.tile if tile[0] == "ppm"]
-    return (stated[0][2], int(stated[0][3][1])) if stated else (0, 0)
+    tiles: list[Any] = [tile for tile in photo.tile if tile[0] == "ppm"]
+    return (tiles[0][2], int(tiles[0][3][1])) if tiles else (0, 0)
 
 
 def _decode_ppm(

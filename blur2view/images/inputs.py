@@ -111,9 +111,9 @@ class Inputs:
     @property
     def one_video(self) -> bool:
         """Whether all sources that can be used are frames of one video; also if there is none."""
-        there = [source for source in self.sources if not source.refusal and os.path.isfile(source.path)]
-        frames_alone = all(source.frame is not None for source in there)
-        return frames_alone and len({source.path for source in there}) <= 1
+        existing = [source for source in self.sources if not source.refusal and os.path.isfile(source.path)]
+        frames_alone = all(source.frame is not None for source in existing)
+        return frames_alone and len({source.path for source in existing}) <= 1
 
     @property
     def read(self) -> set[str]:
@@ -133,8 +133,8 @@ class Inputs:
         That is the one folder that was named, or else the deepest one above all files that exist. A frame of
         a video is ``clip.mp4/000120``.
         """
-        there = [source for source in self.sources if os.path.isfile(source.path)] or self.sources
-        roots = {os.path.abspath(source.root or source.path.parent) for source in there}
+        existing = [source for source in self.sources if os.path.isfile(source.path)] or self.sources
+        roots = {os.path.abspath(source.root or source.path.parent) for source in existing}
         root = os.path.commonpath(roots) if roots else ""
         paths = [os.path.abspath(str(source)) for source in self.sources]
         return [Path(os.path.relpath(path, root)).as_posix() for path in paths]
@@ -293,9 +293,9 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
     names = []
     for line in os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).split("\n"):
         name = line.removesuffix("\r")
-        listed = _path_in_list(name, path) or _path_in_list(name.strip(), path)
-        if listed or name.strip() and not name.strip().startswith(COMMENT):
-            names.append(listed or name.strip())
+        location = _path_in_list(name, path) or _path_in_list(name.strip(), path)
+        if location or name.strip() and not name.strip().startswith(COMMENT):
+            names.append(location or name.strip())
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
@@ -304,5 +304,5 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
 def _path_in_list(name: str, path: Path | None) -> str | None:
     """Return where a name in a list is found: from here, or else from the list's folder; or None."""
     paths = [name] if path is None else [name, str(path.parent / name)]
-    there = (one for one in paths if os.path.lexists(one) or frame_named(one) is not None)
-    return next(there, None) if name else None
+    existing = (one for one in paths if os.path.lexists(one) or frame_named(one) is not None)
+    return next(existing, None) if name else None

@@ -70,9 +70,9 @@ def _array_of(picture: Image.Image, mode: str | None) -> AnyArray:
     array: AnyArray | None = None
     for top in range(0, height, rows):
         strip = picture.crop((0, top, width, min(top + rows, height)))
-        own = np.asarray(strip if mode is None else strip.convert(mode))
-        array = np.empty((height, *own.shape[1:]), own.dtype) if array is None else array
-        array[top : top + rows] = own
+        pixels = np.asarray(strip if mode is None else strip.convert(mode))
+        array = np.empty((height, *pixels.shape[1:]), pixels.dtype) if array is None else array
+        array[top : top + rows] = pixels
     assert array is not None
     return array
 

@@ -37,8 +37,8 @@ def is_video(path: Path) -> bool:
 
 def rows_towards(video: Path) -> tuple[int, int]:
     """Return the direction in upright frames in which the sensor's rows follow each other."""
-    turned = round(_opened(video).get(cv2.CAP_PROP_ORIENTATION_META))
-    return ROWS_TOWARDS.get(turned % 360, (0, 1))
+    degrees = round(_opened(video).get(cv2.CAP_PROP_ORIENTATION_META))
+    return ROWS_TOWARDS.get(degrees % 360, (0, 1))
 
 
 def frame_times(video: Path) -> list[float]:

@@ -289,17 +289,17 @@ class Record:
         ValueError if the text holds no record.
         """
         try:
-            stored = json.loads(text)
+            document = json.loads(text)
         except (ValueError, RecursionError):
-            stored = None
-        if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
+            document = None
+        if not isinstance(document, dict) or not isinstance(document.get("name"), str):
             raise ValueError("is not a JSON document of a photograph")
-        stored_fields = [entry for entry in fields(cls) if entry.name in stored]
+        stored_fields = [entry for entry in fields(cls) if entry.name in document]
         for entry in stored_fields:
             kinds = [TYPES[kind.partition("[")[0]] for kind in str(entry.type).split(" | ")]
-            if not isinstance(stored[entry.name], tuple(kinds)):
+            if not isinstance(document[entry.name], tuple(kinds)):
                 raise ValueError(f"{entry.name} is not a value of {entry.type}")
-        return cls(**{entry.name: stored[entry.name] for entry in stored_fields})
+        return cls(**{entry.name: document[entry.name] for entry in stored_fields})
 
 
 def plain(value: Any) -> Any:

@@ -123,8 +123,8 @@ def _motion(record: Record, by: str) -> str:
         return "moved past near and far things"
     if not undecided:
         return "moved past something flat"
-    turned = " or turned" if (record.rotation_probability or 0.0) > MIN_TURNED else ""
-    return f"moved{turned}"
+    or_turned = " or turned" if (record.rotation_probability or 0.0) > MIN_TURNED else ""
+    return f"moved{or_turned}"
 
 
 def _turned(record: Record) -> str:

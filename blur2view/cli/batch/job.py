@@ -76,6 +76,8 @@ def neighbours_in_time(sources: Sequence[Source], sequence: bool | None) -> list
     before = {later: earlier for earlier, later in after.items()}
     neighbours = []
     for source in sources:
-        near = (-1, before.get(source) or source.beside(-1)), (1, after.get(source) or source.beside(1))
-        neighbours.append(tuple((k, other) for k, other in near if other and other.folder == source.folder))
+        candidates = (-1, before.get(source) or source.beside(-1)), (1, after.get(source) or source.beside(1))
+        neighbours.append(
+            tuple((k, other) for k, other in candidates if other and other.folder == source.folder)
+        )
     return neighbours

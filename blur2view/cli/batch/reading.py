@@ -39,22 +39,22 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
 
     The thread ends with the item in hand once nobody wants more.
     """
-    made, unwanted = Queue[tuple[bool, Any]](READ_AHEAD), threading.Event()
+    queue, stop = Queue[tuple[bool, Any]](READ_AHEAD), threading.Event()
 
     def make() -> None:
         try:
             for item in items:
-                made.put((True, item))
+                queue.put((True, item))
                 del item  # which may be a large frame, while the next is made
-                if unwanted.is_set():
+                if stop.is_set():
                     return
-            made.put((False, None))
+            queue.put((False, None))
         except BaseException as error:
-            made.put((False, error))
+            queue.put((False, error))
 
     threading.Thread(target=make).start()
     try:
-        while (pair := made.get())[0]:
+        while (pair := queue.get())[0]:
             item = pair[1]
             del pair
             yield item
@@ -62,10 +62,10 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
         if pair[1] is not None:
             raise pair[1]
     finally:
-        unwanted.set()
+        stop.set()
         with suppress(Empty):
             while True:
-                made.get_nowait()
+                queue.get_nowait()
 
 
 def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | None]]:
@@ -99,15 +99,17 @@ def _identified(job: Job) -> Job:
         raise job.refusal
     alone = job.source.frame is None and not job.neighbours
     content = job.source.read() if alone and job.content is None else job.content
-    own = (
+    own_digest = (
         hashlib.sha256(content).hexdigest()
         if alone and isinstance(content, bytes)
         else _file_digest(job.source.path)
     )
-    near = [_file_digest(source.path) for _, source in job.neighbours] if job.source.frame is None else []
-    every = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
-    digest = hashlib.sha256(repr(every).encode()).hexdigest()
-    return replace(job, input_sha256=own, job_sha256=digest, content=content)
+    neighbour_digests = (
+        [_file_digest(source.path) for _, source in job.neighbours] if job.source.frame is None else []
+    )
+    parts = job.call_sha256, job.source.frame, [steps for steps, _ in job.neighbours], neighbour_digests
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()
+    return replace(job, input_sha256=own_digest, job_sha256=digest, content=content)
 
 
 def _file_digest(path: Path) -> str:

@@ -80,16 +80,16 @@ class Run:
         """Yield a job for each photograph, with its files if a folder of results is named."""
         inputs, folder, digest = self.inputs, self.options.folder.output, options_digest(self.options)
         input_files, source_by_file = inputs.read, dict[Path, Source]()
-        near = neighbours_in_time(inputs.sources, self.options.order.sequence)
-        entries = zip(inputs.sources, inputs.names(), inputs.result_names(), near, strict=True)
+        neighbours_of_each = neighbours_in_time(inputs.sources, self.options.order.sequence)
+        entries = zip(inputs.sources, inputs.names(), inputs.result_names(), neighbours_of_each, strict=True)
         for source, name, stem, neighbours in entries:
             files: list[Path] = []
             refusal: Blur2ViewError | None = None
             if source.refusal:
                 refusal = ImageError(source.refusal)
             elif folder is not None:
-                own = [Path(f"{stem}{ending}") for ending in endings]
-                files = [folder / path for path in (*beside(Path(name)), *own)]
+                results = [Path(f"{stem}{ending}") for ending in endings]
+                files = [folder / path for path in (*beside(Path(name)), *results)]
             for path in files:
                 try:
                     check_file(path, input_files)
@@ -110,14 +110,14 @@ class Run:
     def do(
         self,
         work: Callable[[Any, Any], Outcome],
-        shown: Callable[["Run", Outcome], None],
+        print_outcome: Callable[["Run", Outcome], None],
         *,
         checked: Path | None = None,
         **targets: Path | None,
     ) -> None:
         """Do all photographs in order, after a check of all that is written, and write the table.
 
-        ``work`` takes the options and a job; ``shown`` prints of an outcome, above the bar, as it comes.
+        ``work`` takes the options and a job; ``print_outcome`` prints an outcome, above the bar, as it comes.
         ``targets`` are files of all photographs by their options; ``checked`` is one that the command checks
         itself. It ends early, after a line that says how to go on, if it is interrupted or nothing can be
         done any more, as on a full disk. ModelError or OutputError of what cannot be used.
@@ -125,7 +125,7 @@ class Run:
         self._check(targets, checked)
         self._name_ignored()
         start, count = time.monotonic(), len(self.jobs)
-        places = {job.source: place for place, job in enumerate(self.jobs, 1)}
+        number_by_source = {job.source: number for number, job in enumerate(self.jobs, 1)}
         try:
             with waiting(f"{self.noun}s", hidden=self.options.printing.quiet) as show:
                 show(0, count)
@@ -134,8 +134,8 @@ class Run:
                         if self.passed is not None:
                             self.passed(job, outcome)
                         self.outcomes.append((replace(job, content=None), outcome))
-                        shown(self, outcome)
-                        show(places[job.source], count)
+                        print_outcome(self, outcome)
+                        show(number_by_source[job.source], count)
                         del job  # with its content
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
@@ -148,25 +148,28 @@ class Run:
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""
         open_network(self.options.estimating)
-        every = {**targets, "csv": self.options.table.csv}
-        named = {option: path for option, path in every.items() if path not in (None, STANDARD_OUTPUT)}
-        written = {f"--{option}": path for option, path in named.items() if path is not None}
+        all_targets = {**targets, "csv": self.options.table.csv}
+        target_by_option = {
+            f"--{option}": path
+            for option, path in all_targets.items()
+            if path is not None and path != STANDARD_OUTPUT
+        }
         paths = [path for job in self.jobs for path in job.files]
         paths += [] if checked is None else [checked]
         database = self.options.stated_camera.database
         names, used = real_paths(paths), self.inputs.read | real_paths([] if database is None else [database])
-        for option, target in written.items():
+        for option, target in target_by_option.items():
             if (real := os.path.realpath(target)) in names:
                 raise OutputError(f"{target}: two results would be one file; name another with {option}")
             names.add(real)
             check_file(target, used, option=option)
         folders = {str(folder) for name in names for folder in Path(name).parents}
-        for option, target in written.items():
+        for option, target in target_by_option.items():
             if os.path.realpath(target) in folders:
                 raise OutputError(
                     f"{target}: is the folder of other results; name another file with {option}"
                 )
-        for folder in sorted({path.parent for path in (*paths, *written.values())}):
+        for folder in sorted({path.parent for path in (*paths, *target_by_option.values())}):
             writable_folder(folder)
 
     def _name_ignored(self) -> None:
@@ -174,8 +177,12 @@ class Run:
         if self.options.printing.quiet:
             return
         reading = self.options.reading
-        chosen = {"--every": reading.every > 1, "--from": reading.first > 0, "--to": reading.last is not None}
-        of_frames = [option for option, is_given in chosen.items() if is_given]
+        is_given_by_option = {
+            "--every": reading.every > 1,
+            "--from": reading.first > 0,
+            "--to": reading.last is not None,
+        }
+        of_frames = [option for option, is_given in is_given_by_option.items() if is_given]
         sources = [job.source for job in self.jobs]
         if of_frames and all(source.frame is None and source.path.is_file() for source in sources):
             said = f"{', '.join(of_frames)}: no video is named whose frames could be chosen"
@@ -200,11 +207,11 @@ class Run:
         try:
             record = Record.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
-            whole = record.files_sha256 == combined_digest(map(read_regular, job.files[:-1]))
+            is_complete = record.files_sha256 == combined_digest(map(read_regular, job.files[:-1]))
         except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
             return None  # none, or cut off, or changed
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.job_sha256)
-        if not same or not whole:
+        if not same or not is_complete:
             return None
         summary = f"{printable(job.name)}: done before"
         return Outcome(record=replace(record, name=job.name), summary=summary, skipped=True)
@@ -236,9 +243,9 @@ def wrote(job: Job, endings: Sequence[str]) -> str:
     if not job.files:
         return ""
     name = printable(str(job.files[-1]).removesuffix(endings[-1]))
-    listed = ",".join(ending.removeprefix(".") for ending in reversed(endings))
+    suffixes = ",".join(ending.removeprefix(".") for ending in reversed(endings))
     others = [printable(str(path)) for path in job.files[: -len(endings)]]
-    return "; wrote " + ", ".join([f"{name}.{{{listed}}}", *others])
+    return "; wrote " + ", ".join([f"{name}.{{{suffixes}}}", *others])
 
 
 def options_digest(options: Command) -> str:
@@ -248,8 +255,8 @@ def options_digest(options: Command) -> str:
     """
     files = model_path(options.estimating.model), options.stated_camera.database
     digests = [file_digest(file) if file is not None and file.is_file() else "" for file in files]
-    stated = [option.name for option in fields(options) if option.metadata and "Path" not in str(option.type)]
-    own = {name: getattr(options, name) for name in stated}
+    names = [option.name for option in fields(options) if option.metadata and "Path" not in str(option.type)]
+    own_options = {name: getattr(options, name) for name in names}
     groups = options.stated_camera, options.estimating, options.order, options.in_time
-    every = type(options).__name__, __version__, digests, groups, own
-    return hashlib.sha256(repr(every).encode()).hexdigest()
+    parts = type(options).__name__, __version__, digests, groups, own_options
+    return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -21,10 +21,10 @@ def print_failure(run: Run, outcome: Outcome) -> None:
 def print_summary(run: Run, outcome: Outcome) -> None:
     """Print why a photograph failed, or its summary: whole if it is the only one, else the first line."""
     print_failure(run, outcome)
-    whole = len(run.jobs) == 1 or run.options.printing.verbose
-    if not outcome.error and not run.options.silent and (whole or not outcome.skipped):
+    in_full = len(run.jobs) == 1 or run.options.printing.verbose
+    if not outcome.error and not run.options.silent and (in_full or not outcome.skipped):
         summary = outcome.summary.split("\n")
-        say("\n".join(map(printable, summary if whole else summary[:1])))
+        say("\n".join(map(printable, summary if in_full else summary[:1])))
 
 
 def print_document(run: Run, name: str) -> None:
@@ -59,10 +59,10 @@ def print_written_table(run: Run) -> None:
         print(f"wrote {printable(str(run.table))}")
 
 
-def print_counts(run: Run, counts: Mapping[str, int], *written: Path | None, said: str = "") -> None:
+def print_counts(run: Run, counts: Mapping[str, int], *files: Path | None, said: str = "") -> None:
     """Print counts of photographs by their words in one line, then ``said``, then the files written."""
     parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
     line = f"{plural(len(run.outcomes), run.noun)}: {parts} ({run.seconds:.1f} s)"
-    paths = " and ".join(printable(str(path)) for path in written if path is not None)
+    paths = " and ".join(printable(str(path)) for path in files if path is not None)
     wrote_paths = f"wrote {paths}" if paths else ""
     print("; ".join(part for part in (line, said, wrote_paths) if part))
