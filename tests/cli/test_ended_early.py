@@ -125,6 +125,7 @@ class Pressed(importlib.abc.MetaPathFinder):
             except KeyboardInterrupt as interrupt:
                 raise ImportError("initialization failed") from interrupt
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
 sys.meta_path.insert(0, Pressed())
 sys.argv = ["blur2view", *{words}]
 from blur2view.__main__ import program
@@ -167,6 +168,7 @@ def main():
     Freed()  # Python raises nothing that happens while it is freed
     time.sleep(60)
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 commands.main, __main__._thread = main, SimpleNamespace(start_new_thread=start_new_thread)
 sys.exit(__main__.program())
 """
