@@ -197,6 +197,9 @@ def reduced(image: AnyArray, factor: float) -> AnyArray:
     if factor == 1:
         return image
     size = int(-(-image.shape[1] // factor)), int(-(-image.shape[0] // factor))
+    while image.shape[0] >= 4 * size[1] and not (image.shape[0] % 2 or image.shape[1] % 2):
+        half = image.shape[1] // 2, image.shape[0] // 2  # which OpenCV does in a twelfth of the time
+        image = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 

@@ -13,7 +13,7 @@ from skimage import data
 
 from blur2view.images.image import read_image
 from blur2view.movers.mask import MotionLabel, MotionMask, connected_regions
-from blur2view.movers.moving import Moving
+from blur2view.movers.moving import Moving, reduced
 from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.results import overlay
 
@@ -204,3 +204,14 @@ def test_what_is_in_focus_before_a_camera_at_rest_does_not_move(
         kinds=kinds,
     )
     assert moving.parts().any() == moves
+
+
+@pytest.mark.parametrize(
+    ("shape", "factor"), [((1080, 1920), 4.84375), ((1081, 1921), 9.0), ((96, 128), 1.5)]
+)
+def test_a_reduced_photograph_has_the_means_of_its_pixels(shape: tuple[int, int], factor: float) -> None:
+    noise: Floats = np.random.default_rng(0).uniform(0, 255, (*shape, 3)).astype(np.float32)
+    image = np.rint(cv2.GaussianBlur(noise, (0, 0), 4)).astype(np.uint8)
+    size = [int(np.ceil(side / factor)) for side in shape]
+    means = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
+    assert np.abs(reduced(image, factor).astype(float) - means).mean() < 0.3
