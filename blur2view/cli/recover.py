@@ -207,8 +207,11 @@ class RecoverOptions:
     def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
         """Print what became of the frames, so many in all."""
         if absent := recovery.sequence.absent():
-            lacked = f"lacks {plural(len(absent), 'image')} of the model, the first of which is {absent[0]}"
-            print(printable(f"{self.frames_dir}: {lacked}; their poses stay, and predict no frame"))
+            lacked = f"lacks the model's image {absent[0]}, whose pose stays, and predicts no frame"
+            if len(absent) > 1:
+                lacked = f"lacks {len(absent)} images of the model, the first of which is {absent[0]}"
+                lacked += "; their poses stay, and predict no frame"
+            print(printable(f"{self.frames_dir}: {lacked}"))
         for line in refused_lines(recovery.refused, "recovered", self.printing):
             print(line)
         for name, frame in recovery.recovered.items() if self.printing.verbose else ():

@@ -105,8 +105,8 @@ class FrameSequence:
         self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
         self._observed = lru_cache(len(names))(self._read_observed)
         if len(self.images) < 2:
-            count = f"has {len(self.images)} of the {len(names)} frames in {folder}"
-            raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
+            count = f"{len(self.images)} of its {len(registered)} images are in {folder}, but two are needed"
+            raise DatabaseError(f"{model}: {count}; name the folder from which COLMAP read them")
 
     def absent(self) -> list[str]:
         """Return the registered images of the model that are not among the frames, by name."""
