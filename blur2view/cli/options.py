@@ -289,8 +289,9 @@ class Command:
     folder, document = Folder(), Document()  # likewise
     exit_codes = {
         "0": "done",
-        "1": "at least one photograph failed; each has a line on stderr, and the results of all others are "
-        "written. Or the call could not begin, or not go on, as on a full disk; the last line says why",
+        "1": "at least one photograph failed; each has a line on stderr, but frames of a video that fail for "
+        "one reason, which share one; the results of all others are written. Or the call could not begin, or "
+        "not go on, as on a full disk; the last line says why",
         "130": "interrupted by Ctrl-C; the files of photographs that are done are kept",
     }
     columns: ClassVar[Sequence[str] | None] = None  # of --csv: all

@@ -13,7 +13,7 @@ from PIL import Image
 from blur2view.geometry.pose import rotation_vector
 from tests.support.calls import Call, call_program
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import exif_of
+from tests.support.many_photographs import exif_of, write_video
 
 SIZE = (320, 240)
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
@@ -97,6 +97,16 @@ def test_reconstruct_refuses_such_a_camera_alike(
 def test_a_camera_of_another_shape_costs_one_photograph(call: Call, photo: Path, still: Path) -> None:
     done = call("estimate", photo, still, "--camera", "PINHOLE 320 240 300 300 160 120")
     assert done == 1 and f"{still}: camera (camera string) is for 320x240 pixels" in done.line
+
+
+def test_frames_of_a_video_that_fail_for_one_reason_have_one_line_and_their_number(
+    call: Call, tmp_path: Path
+) -> None:
+    words = ("estimate", write_video(tmp_path / "clip.mp4", 4), "--camera", "PINHOLE 9 3 9 9 4 1")
+    done = call(*words)
+    assert done == 1 and "000000: camera (camera string) is for 9x3 pixels" in done.lines[0]
+    assert done.lines[1:] == [f"blur2view: {words[1]}: 3 more frames failed for the same reason (-v)"]
+    assert len(call(*words, "-v").lines) == 4
 
 
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
@@ -45,6 +46,7 @@ class Run:
         self.looked_at: Iterable[Job] | None = None  # those of the jobs that a command chooses, if it does
         self.passed: Callable[[Job, Outcome], None] | None = None  # sees each job with its content, in order
         self.outcomes: list[tuple[Job, Outcome]] = []
+        self.frames_by_reason = Counter[tuple[Path, str]]()  # that failed, by their video and the reason
         self.early_exit_code = DONE  # another one if it was interrupted or nothing can be done any more
         self.seconds = 0.0
         self.table: Path | None = None  # once it is written
@@ -134,6 +136,8 @@ class Run:
                         if self.passed is not None:
                             self.passed(job, outcome)
                         self.outcomes.append((replace(job, content=None), outcome))
+                        if outcome.error and job.source.frame is not None:
+                            self.frames_by_reason[self.reason_of_last()] += 1
                         print_outcome(self, outcome)
                         show(number_by_source[job.source], count)
                         del job  # with its content
@@ -143,7 +147,21 @@ class Run:
             complain(error)
             self._end_early(FAILED, "stopped")
         self.seconds = time.monotonic() - start
+        self._count_alike()
         self._write_table()
+
+    def reason_of_last(self) -> tuple[Path, str]:
+        """Return the folder or video of what came last, and why it failed, without its name."""
+        job, outcome = self.outcomes[-1]
+        return job.source.folder, outcome.error.replace(str(job.source), "")
+
+    def _count_alike(self) -> None:
+        """Print how many frames of a video failed as one that was named; with -v each was."""
+        for (video, _), count in self.frames_by_reason.items():
+            if count > 1 and not self.options.printing.verbose:
+                complain(
+                    RunError(f"{video}: {plural(count - 1, 'more frame')} failed for the same reason (-v)")
+                )
 
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""

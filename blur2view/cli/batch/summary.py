@@ -13,8 +13,9 @@ from blur2view.records.record import table_text
 
 
 def print_failure(run: Run, outcome: Outcome) -> None:
-    """Print why a photograph failed; nothing of any other."""
-    if outcome.error:
+    """Print why a photograph failed; nothing of any other, nor of a frame that fails as one before did."""
+    alike = outcome.error and run.frames_by_reason[run.reason_of_last()] > 1
+    if outcome.error and (run.options.printing.verbose or not alike):
         complain(Blur2ViewError(outcome.error))
 
 
