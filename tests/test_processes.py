@@ -28,14 +28,14 @@ def test_processes_end_when_they_are_told_to_whatever_they_are_doing() -> None:
     others, (stop, end) = multiprocessing.active_children(), spawn_context().Pipe(duplex=False)
     pool = processes(2, stop=stop)
     for _ in range(2):
-        pool.submit(time.sleep, 600)
+        pool.submit(time.sleep, 120)
     started = {*multiprocessing.active_children()} - {*others}
     end.close()
     for process in started:
-        process.join()
+        process.join(100)
     stop.close()
     codes = [process.exitcode for process in started]  # the pool terminates the second one, if it is later
-    assert len(codes) == 2 and 1 in codes and 0 not in codes
+    assert len(codes) == 2 and 1 in codes and not {0, None} & {*codes}
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -424,22 +424,23 @@ def test_a_process_tells_its_parent_what_is_done() -> None:
     assert told == sorted(told) and {*told} - {0} == {1, 2}  # it looks by itself, too, while nothing is told
 
 
-def press_and_go_on() -> None:
-    """Press Ctrl-C, which the parent answers, and work as long as COLMAP may."""
+def press_and_go_on(ended: Path) -> None:
+    """Press Ctrl-C, which the parent answers, and work on."""
     os.kill(os.getppid(), signal.SIGINT)
-    time.sleep(600)
+    time.sleep(120)
+    ended.touch()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
-def test_ctrl_c_ends_what_colmap_does_at_once() -> None:
+def test_ctrl_c_ends_what_colmap_does_at_once(tmp_path: Path) -> None:
     others = multiprocessing.active_children()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
     try:
         with pytest.raises(KeyboardInterrupt):
-            in_process(press_and_go_on)
+            in_process(press_and_go_on, tmp_path / "ended")
     finally:
         signal.signal(signal.SIGINT, before)
-    assert not {*multiprocessing.active_children()} - {*others}
+    assert not {*multiprocessing.active_children()} - {*others} and not (tmp_path / "ended").exists()
 
 
 def test_a_scene_may_be_called_with_marks_of_an_address(tmp_path: Path) -> None:
@@ -473,9 +474,9 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def colmap(video: Path) -> Iterator[list[str]]:
-    """Let COLMAP make the model that is there; return the names of its calls."""
+@contextmanager
+def model_that_is_there(video: Path) -> Iterator[list[str]]:
+    """Let COLMAP make the model that is there; yield the names of its calls."""
     calls = list[str]()
 
     def find_features(database: Path, images: Path, names: list[str], **options: Any) -> None:
@@ -495,10 +496,24 @@ def colmap(video: Path) -> Iterator[list[str]]:
         yield calls
 
 
+@pytest.fixture
+def colmap(video: Path) -> Iterator[list[str]]:
+    """Let COLMAP make the model that is there; return the names of its calls."""
+    with model_that_is_there(video) as calls:
+        yield calls
+
+
 @pytest.fixture(scope="module")
-def whole(video: Path, colmap: list[str]) -> Reconstruction:
+def scene(video: Path) -> Reconstruction:
     """Return a scene that was made in one call."""
-    return reconstruct(video / "frames", video.parent / "whole", OPTIONS, jobs=1)
+    with model_that_is_there(video):
+        return reconstruct(video / "frames", video.parent / "whole", OPTIONS, jobs=1)
+
+
+@pytest.fixture
+def whole(scene: Reconstruction, colmap: list[str]) -> Reconstruction:
+    """Return a scene that was made in one call, and let COLMAP make the model that is there."""
+    return scene
 
 
 def test_a_model_that_is_too_small_is_tried_again_before_frames_are_read_anew(
