@@ -89,8 +89,8 @@ def _eight_bits(source: Source, content: Content) -> AnyArray:
     """Return the pixels of a content, or its luma, uint8; ImageError if they cannot be read."""
     if not isinstance(content, bytes):
         return content
-    decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if decoded is None:  # as HEIC
+    decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    if decoded is None or decoded.dtype != np.uint8:  # as HEIC, or of 16 bits, whose values may have 8
         pixels = read_picture(source.path, content=content).pixels
         return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 / white_level(pixels)))
     return np.asarray(decoded)
