@@ -34,19 +34,24 @@ def in_least_bits(image: AnyArray, path: Path | None = None) -> AnyArray:
 
 
 def others_are_deep(path: Path) -> bool:
-    """Return whether files of this suffix in the same folder have values above 255, as far as is looked."""
+    """Return whether files of this suffix in the same folder have values above 255, as far as is looked.
+
+    False of a folder that cannot be listed, or is on another machine.
+    """
     try:
-        changed_ns = os.stat(path.parent).st_mtime_ns
+        return bool(path.suffix) and _has_deep(
+            path.parent, path.suffix.lower(), os.stat(path.parent).st_mtime_ns
+        )
     except OSError:
         return False
-    return bool(path.suffix) and _has_deep(path.parent, path.suffix.lower(), changed_ns)
 
 
 @lru_cache(maxsize=64)
 def _has_deep(folder: Path, suffix: str, changed_ns: int) -> bool:
     """Return the answer for a folder as it was changed last: each of its files asks."""
     paths = [folder / name for name in sorted(os.listdir(folder)) if name.lower().endswith(suffix)]
-    return any(_highest(path) > 255 for path in paths[:: -(-len(paths) // OTHERS)])
+    every = max(-(-len(paths) // OTHERS), 1)
+    return any(_highest(path) > 255 for path in paths[::every])
 
 
 def _highest(path: Path) -> int:

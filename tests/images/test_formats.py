@@ -9,6 +9,7 @@ import sys
 from contextlib import chdir
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -216,6 +217,16 @@ def test_a_dark_frame_among_brighter_ones_of_16_bits_is_as_dark_as_they_say(
     assert read_image(tmp_path / f"a.{suffix}").max() == pytest.approx(249 / 255)  # as nothing says otherwise
     cv2.imwrite(str(tmp_path / f"b.{suffix}"), dark * 100)
     assert read_image(tmp_path / f"a.{suffix}").max() == pytest.approx(249 / 65535)
+
+
+def test_a_content_is_read_where_its_folder_has_no_such_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, content = cv2.imencode(".png", np.full((48, 64), 200, np.uint16))  # as the worker of a cluster gets it
+    path = tmp_path / "a.png"
+    assert read_image(path, content=content.tobytes()).max() == pytest.approx(200 / 255)
+    monkeypatch.setattr(os, "listdir", Mock(side_effect=PermissionError))
+    assert read_image(path, content=content.tobytes()).max() == pytest.approx(200 / 255)
 
 
 def test_what_is_dark_in_8_bits_as_well_is_as_dark_as_its_file_says(tmp_path: Path) -> None:
