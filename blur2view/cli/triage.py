@@ -17,7 +17,7 @@ from blur2view.cli.batch.photograph import estimate_file
 from blur2view.cli.batch.run import Run
 from blur2view.cli.batch.summary import print_counts, print_summary, print_table
 from blur2view.cli.choosing import Candidates, Chosen, Pictures
-from blur2view.cli.options import Command
+from blur2view.cli.options import STANDARD_OUTPUT, Command
 from blur2view.cli.parser import Length, file_path, flag, length, neighbours, option, radius
 from blur2view.cli.terminal import complain, verdict_line
 from blur2view.errors import ImageError, OutputError, RunError
@@ -114,7 +114,7 @@ class TriageOptions(Command):
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what is kept; add --keep LIST or --extract DIR")
         for name, path in {"keep": self.keep, "csv": self.table.csv}.items():
-            if self.extract and path and Path(os.path.abspath(self.extract)) in path.absolute().parents:
+            if self.extract and path not in (None, STANDARD_OUTPUT) and _is_below(path, self.extract):
                 raise ValueError(
                     f"--{name} must lie outside of the folder of --extract, which has pictures alone"
                 )
@@ -253,6 +253,11 @@ def _parts(jobs: Sequence[Job], seconds: float) -> list[list[Job]]:
     at = [times[min(job.source.frame or 0, len(times) - 1)] for job in jobs]
     parts = groupby(range(len(jobs)), key=lambda k: int((at[k] - at[0] + ROUNDED_S) / seconds))
     return [[jobs[k] for k in part] for _, part in parts]
+
+
+def _is_below(path: Path, folder: Path) -> bool:
+    """Return whether a file that may not be there yet lies in a folder."""
+    return Path(os.path.abspath(folder)) in Path(os.path.abspath(path)).parents
 
 
 def _listable(job: Job) -> Job:

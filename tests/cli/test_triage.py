@@ -172,6 +172,24 @@ def test_a_list_of_frames_says_that_colmap_needs_files_unless_they_are_written(
     assert call(*words, "--extract", tmp_path / "kept").err == call(*words, "-q").err == ""
 
 
+def test_a_table_is_printed_and_a_list_lies_beside_where_pictures_go_into_the_current_folder(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip, folder = write_clip(tmp_path / "clip.mp4", 4), tmp_path / "kept"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    words = ("triage", clip, "--best", 1, "--extract", ".", "--csv", "-", "--keep", "../kept/../k.txt")
+    assert call(*words) == 0
+    assert (tmp_path / "k.txt").is_file() and len(contents(folder)) == 1
+
+
+def test_of_a_video_without_the_frames_that_are_named_nothing_else_is_said(
+    call: Call, tmp_path: Path
+) -> None:
+    done = call("triage", write_clip(tmp_path / "clip.mp4", 4), "--from", 9)
+    assert done == 1 and "none from frame 9 on" in done.err and "no video is named" not in done.err
+
+
 def test_options_that_choose_frames_are_named_where_there_is_no_video(
     call: Call, still: Path, tmp_path: Path
 ) -> None:

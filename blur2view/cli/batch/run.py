@@ -202,7 +202,7 @@ class Run:
         }
         of_frames = [option for option, is_given in is_given_by_option.items() if is_given]
         sources = [job.source for job in self.jobs]
-        if of_frames and all(source.frame is None and source.path.is_file() for source in sources):
+        if of_frames and all(map(_is_photograph, sources)):
             said = f"{', '.join(of_frames)}: no video is named whose frames could be chosen"
             complain(RunError(f"{said}; all photographs are read"))
         if videos := self.inputs.passed_over:
@@ -254,6 +254,11 @@ class Run:
             except OutputError as error:
                 complain(error)
                 self.without_table = True
+
+
+def _is_photograph(source: Source) -> bool:
+    """Return whether a source is a photograph, and not a video, also one without such frames."""
+    return source.frame is None and not source.refusal and source.path.is_file()
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:
