@@ -51,16 +51,15 @@ def write_masks(
     keeps what is done of a call that was ended.
     """
     found: dict[str, bytes] = {}
-    nothing = False
     for done, k in enumerate(sorted(range(len(names)), key=lambda k: (k % 2, k % 4) if consecutive else k)):
         show(done, len(names))
         name, kept = names[k], work / MaskFormat.COLMAP.path(PurePath(names[k]))
-        if consecutive and done == len(names[::4]):
-            nothing = done >= ENOUGH and _all_still(found.values())
-        between = consecutive and k % 2
-        if nothing or (between and _all_still(found[other] for other in names[k - 1 : k + 2 : 2])):
-            # what moved here alone would be a mistake: half of the frames of a still scene are not segmented,
-            # and three in four of a long one in whose others nothing moves
+        if consecutive and done == len(names[::4]) >= ENOUGH and _all_still(found.values()):
+            return Masks(
+                [], []
+            )  # three in four frames of a long scene in which nothing moves are not segmented
+        if consecutive and k % 2 and _all_still(found[other] for other in names[k - 1 : k + 2 : 2]):
+            # what moved here alone would be a mistake: half of the frames of a still scene are not segmented
             size = read_picture(scene / images / name, as_stored=True).size
             found[name] = png(np.full(size[::-1], 255, np.uint8))
             continue
