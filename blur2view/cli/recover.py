@@ -207,7 +207,7 @@ class RecoverOptions:
     def _print(self, recovery: "Recovery", model: Path, count: int, *, tracked: bool) -> None:
         """Print what became of the frames, so many in all."""
         if absent := recovery.sequence.absent():
-            lacked = f"lacks the model's image {absent[0]}, whose pose stays, and predicts no frame"
+            lacked = f"lacks the model's image {absent[0]}; its pose stays, and predicts no frame"
             if len(absent) > 1:
                 lacked = f"lacks {len(absent)} images of the model, the first of which is {absent[0]}"
                 lacked += "; their poses stay, and predict no frame"
