@@ -12,46 +12,49 @@ from blur2view.files import read_regular
 from blur2view.output import is_ours
 
 OTHERS = 8  # files of a folder that are looked at: bound
-MIN_BRIGHTEST = 128  # of a photograph that fills 8 bits: a darker one is read alike with either white (bound)
+MIN_BRIGHTEST = (
+    128  # of the files of a folder, if they fill 8 bits: darker ones may be dark ones of 16 (bound)
+)
 
 
 def in_least_bits(image: AnyArray, path: Path | None = None) -> AnyArray:
     """Return integers (H, W) or (H, W, C) of a file as uint8 if their values have 8 bits, as uint16 if not.
 
     Where a program stores 8 bits in 16 without scaling them, no colour is above 255, and the brightest is not
-    far below. So it may be in a dark frame of 16 bits, too: a brighter file of 16 bits in the folder of the
-    ``path`` decides for 16. ValueError of values whose white no file states.
+    far below. So it may be in a dark frame of 16 bits, too: the brightest of it and of other files of 16 bits
+    in the folder of the ``path`` decides. ValueError of values whose white no file states.
     """
     low, high = int(image.min()), int(image.max())
     if low < 0 or high > 65535:
         raise ValueError(f"its values go from {low} to {high}, so that its white is unknown")
     brightest = int(image[..., :3].max()) if image.ndim == 3 else high
-    if not MIN_BRIGHTEST <= brightest <= 255 or (path is not None and others_are_deep(path)):
+    if brightest <= 255 and path is not None:
+        brightest = max(brightest, brightest_beside(path))
+    if not MIN_BRIGHTEST <= brightest <= 255:
         return image.astype(np.uint16, copy=False)
     if high > 255:  # of alpha alone
         image = np.concatenate([image[..., :3], image[..., 3:] // 257], axis=-1)
     return image.astype(np.uint8)
 
 
-def others_are_deep(path: Path) -> bool:
-    """Return whether files of this suffix in the same folder have values above 255, as far as is looked.
+def brightest_beside(path: Path) -> int:
+    """Return the highest colour of files of this suffix and 16 bits in the same folder, as far as is looked.
 
-    False of a folder that cannot be listed, or is on another machine.
+    0 of a folder that cannot be listed, or is on another machine.
     """
+    folder, suffix = path.parent, path.suffix.lower()
     try:
-        return bool(path.suffix) and _has_deep(
-            path.parent, path.suffix.lower(), os.stat(path.parent).st_mtime_ns
-        )
+        return _brightest(folder, suffix, os.stat(folder).st_mtime_ns) if suffix else 0
     except OSError:
-        return False
+        return 0
 
 
 @lru_cache(maxsize=64)
-def _has_deep(folder: Path, suffix: str, changed_ns: int) -> bool:
+def _brightest(folder: Path, suffix: str, changed_ns: int) -> int:
     """Return the answer for a folder as it was changed last: each of its files asks."""
     paths = [folder / name for name in sorted(os.listdir(folder)) if name.lower().endswith(suffix)]
     every = max(-(-len(paths) // OTHERS), 1)
-    return any(_highest(path) > 255 for path in paths[::every])
+    return max(map(_highest, paths[::every]), default=0)
 
 
 def _highest(path: Path) -> int:

@@ -229,6 +229,12 @@ def test_a_content_is_read_where_its_folder_has_no_such_file(
     assert read_image(path, content=content.tobytes()).max() == pytest.approx(200 / 255)
 
 
+def test_a_dark_frame_among_brighter_ones_of_8_bits_is_as_dark_as_they_say(tmp_path: Path) -> None:
+    for name, white in {"a": 60, "b": 200}.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((48, 64), white, np.uint16))
+        assert read_image(tmp_path / "a.png").max() == pytest.approx(60 / (65535 if name == "a" else 255))
+
+
 def test_what_is_dark_in_8_bits_as_well_is_as_dark_as_its_file_says(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "cap.png"), np.full((48, 64), 90, np.uint16))
     assert read_image(tmp_path / "cap.png").max() == pytest.approx(90 / 65535)
