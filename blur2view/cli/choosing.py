@@ -21,7 +21,7 @@ from blur2view.cli.batch.job import Job, Outcome
 from blur2view.errors import ImageError
 from blur2view.images.image import Content, read_picture
 from blur2view.images.inputs import Source, encode_png
-from blur2view.images.pixels import gradient_energy
+from blur2view.images.pixels import brightness_gain, gradient_energy
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.output import unwritable, writable_folder
 from blur2view.records.record import Record
@@ -92,7 +92,10 @@ def _eight_bits(source: Source, content: Content) -> AnyArray:
     decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if decoded is None or decoded.dtype != np.uint8:  # as HEIC, or of 16 bits, whose values may have 8
         pixels = read_picture(source.path, content=content).pixels
-        return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 / white_level(pixels)))
+        gain = (
+            1.0 if pixels.dtype == np.uint8 else brightness_gain(pixels)
+        )  # of 16 bits some use only 10 or 12
+        return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 * gain / white_level(pixels)))
     return np.asarray(decoded)
 
 

@@ -80,14 +80,14 @@ def test_what_opencv_does_not_decode_is_compared_as_well(tmp_path: Path) -> None
     assert found[0].plan == pytest.approx(gradient_energy(texture(0.5)), rel=0.02)
 
 
-@pytest.mark.parametrize("scale", [1, 257])
-def test_files_of_16_bits_are_compared_also_where_their_values_have_8(tmp_path: Path, scale: int) -> None:
+@pytest.mark.parametrize("scale", [0.4, 1, 4, 257])
+def test_files_of_16_bits_are_compared_also_where_their_values_have_8_or_10(
+    tmp_path: Path, scale: float
+) -> None:
     jobs = [Job(source=Source(path=tmp_path / f"{k}.png")) for k in range(4)]
     for job, blur in zip(jobs, [5, 5, 0.5, 1], strict=True):
-        cv2.imwrite(str(job.source.path), texture(blur)[..., ::-1].astype(np.uint16) * scale)
-    found = list(Candidates([jobs]))
-    assert [job.source for job in found] == [jobs[2].source, jobs[3].source]
-    assert found[0].plan == pytest.approx(gradient_energy(texture(0.5)), rel=0.02)
+        cv2.imwrite(str(job.source.path), (texture(blur) * float(scale)).astype(np.uint16))
+    assert [job.source for job in Candidates([jobs])] == [jobs[2].source, jobs[3].source]
 
 
 def test_among_neighbours_the_width_of_blur_over_gradient_energy_decides() -> None:
