@@ -13,8 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -474,9 +473,8 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@contextmanager
-def model_that_is_there(video: Path) -> Iterator[list[str]]:
-    """Let COLMAP make the model that is there; yield the names of its calls."""
+def let_colmap_make(video: Path, patch: pytest.MonkeyPatch) -> list[str]:
+    """Let COLMAP make the model that is there until ``patch`` is undone; return the names of its calls."""
     calls = list[str]()
 
     def find_features(database: Path, images: Path, names: list[str], **options: Any) -> None:
@@ -489,24 +487,26 @@ def model_that_is_there(video: Path) -> Iterator[list[str]]:
         calls.append("map")
         return [pycolmap.Reconstruction(video / "model")]
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mapping, "find_features", find_features)
-        patch.setattr(mapping, "match", lambda *given, **options: calls.append("match"))
-        patch.setattr(mapping, "mapped", mapped)
-        yield calls
+    patch.setattr(mapping, "find_features", find_features)
+    patch.setattr(mapping, "match", lambda *given, **options: calls.append("match"))
+    patch.setattr(mapping, "mapped", mapped)
+    return calls
 
 
 @pytest.fixture
-def colmap(video: Path) -> Iterator[list[str]]:
-    """Let COLMAP make the model that is there; return the names of its calls."""
-    with model_that_is_there(video) as calls:
-        yield calls
+def colmap(video: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Let COLMAP make the model that is there; return the names of its calls.
+
+    Tests that replace a step once more do so by the same ``monkeypatch``: two would not be undone in order.
+    """
+    return let_colmap_make(video, monkeypatch)
 
 
 @pytest.fixture(scope="module")
 def scene(video: Path) -> Reconstruction:
     """Return a scene that was made in one call."""
-    with model_that_is_there(video):
+    with pytest.MonkeyPatch.context() as patch:
+        let_colmap_make(video, patch)
         return reconstruct(video / "frames", video.parent / "whole", OPTIONS, jobs=1)
 
 
