@@ -92,9 +92,8 @@ def _eight_bits(source: Source, content: Content) -> AnyArray:
     decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if decoded is None or decoded.dtype != np.uint8:  # as HEIC, or of 16 bits, whose values may have 8
         pixels = read_picture(source.path, content=content).pixels
-        gain = (
-            1.0 if pixels.dtype == np.uint8 else brightness_gain(pixels)
-        )  # of 16 bits some use only 10 or 12
+        # files of 16 bits may use only 10 or 12 of these
+        gain = 1.0 if pixels.dtype == np.uint8 else brightness_gain(pixels)
         return np.asarray(cv2.convertScaleAbs(pixels, alpha=255 * gain / white_level(pixels)))
     return np.asarray(decoded)
 
