@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from blur2view.errors import Blur2ViewError
 
@@ -57,25 +57,26 @@ def reason_line(record: "Record") -> str:
 
 def say(text: str) -> None:
     """Print lines on stdout, above the bar that a person sees."""
-    with above_bar():
-        print(text, flush=True)
+    _print_above_bar(text, sys.stdout)
 
 
 def complain(error: Blur2ViewError) -> None:
     """Print one line on stderr, above the bar that a person sees."""
-    with above_bar():
-        print(f"blur2view: {printable(str(error))}", file=sys.stderr, flush=True)
+    _print_above_bar(f"blur2view: {printable(str(error))}", sys.stderr)
 
 
-@contextmanager
-def above_bar() -> Iterator[None]:
-    """Hide the bar, if there is one, while lines are printed."""
+def _print_above_bar(text: str, stream: TextIO) -> None:
+    """Print lines while the bar, if there is one, is hidden.
+
+    Ctrl-C has to leave the lock free wherever it comes, because the thread that draws would wait for ever.
+    ``with`` does so; tqdm, which would take the lock once more, and generators do not.
+    """
     with DRAWING:
         for bar in BARS:
-            bar.clear()
-        yield
+            bar.clear(nolock=True)
+        print(text, file=stream, flush=True)
         for bar in BARS:
-            bar.refresh()
+            bar.refresh(nolock=True)
 
 
 @contextmanager

@@ -1,9 +1,14 @@
 """Progress: what a person sees of a long step, and what a file holds of it."""
 
+import linecache
 import re
 import sys
 import threading
 import time
+from functools import partial
+from itertools import count
+from types import FrameType
+from typing import Any
 
 import pytest
 
@@ -70,3 +75,50 @@ def test_what_is_short_or_hidden_shows_nothing(
     with waiting("frames", hidden=True):
         time.sleep(0.05)
     assert capsys.readouterr().err == ""
+
+
+def others_may_draw() -> bool:
+    """Return whether another thread gets the lock of the terminal."""
+    taken = list[bool]()
+
+    def take() -> None:
+        taken.append(terminal.DRAWING.acquire(blocking=False))
+        if taken[0]:
+            terminal.DRAWING.release()
+
+    other = threading.Thread(target=take)
+    other.start()
+    other.join()
+    return taken[0]
+
+
+@pytest.mark.usefixtures("capsys")
+def test_ctrl_c_at_any_line_of_printing_leaves_the_terminal_to_the_bars_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bar = terminal.Step("frames")._bar(terminal=True)
+    monkeypatch.setattr(terminal, "BARS", [bar])
+
+    def presses(line: int) -> bool:
+        """Print, and press Ctrl-C at the given line that runs meanwhile; return whether there is one."""
+        left = iter(range(line))
+
+        def press(frame: FrameType, event: str, value: object) -> Any:
+            words = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
+            # Python calls the lock's own function here, and answers no signal before and after it
+            if event == "line" and words != "with DRAWING:" and next(left, None) is None:
+                raise KeyboardInterrupt
+            return press
+
+        sys.settrace(press)
+        try:
+            say("a line")
+        except KeyboardInterrupt:  # whose traceback holds what was in hand
+            assert others_may_draw(), f"line {line} of printing"
+            return True
+        finally:
+            sys.settrace(None)
+        return False
+
+    assert sum(iter(partial(next, map(presses, count())), False)) > 20
+    bar.close()
