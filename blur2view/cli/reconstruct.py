@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
 from blur2view.cli.options import Printing
@@ -147,9 +148,9 @@ def outcome_table(made: "Reconstruction", *, verbose: bool = False) -> Iterator[
         "refused": tuple(made.refused),
     }
     for words, names in rows.items():
-        smear_px = made.median_smear_px(names)
-        smear = "" if smear_px is None else f"  median smear {smear_px:.1f} px"
-        yield f"{words + ':':<26}{len(names):>6}{smear}"
+        smears = made.smears_px(names)
+        smeared = f"  {len(smears)} with smears, {median(smears):.1f} px in the median" if smears else ""
+        yield f"{words + ':':<26}{len(names):>6}{smeared}"
     for why, count in Counter(made.refused.values()).items():
         these = [name for name, reason in made.refused.items() if reason == why]
         listed = ", ".join(map(printable, these if verbose else these[:SHOWN]))

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 
 from blur2view.reconstruction.frames import Frame
 from blur2view.results.blur_timeline import Seen
@@ -24,12 +23,11 @@ class Reconstruction:
     moving: tuple[str, ...] | None  # in which anything moves by itself; None if no masks were asked for
     smear_px: Mapping[str, float | None]  # of frames that were delivered; None where it is unknown
 
-    def median_smear_px(self, names: Sequence[str]) -> float | None:
-        """Return the median smear of frames, all of which were delivered; else None, or if none is known."""
+    def smears_px(self, names: Sequence[str]) -> list[float] | None:
+        """Return the smears of those frames that have one, pixels; None if any frame was not delivered."""
         if not self.smear_px.keys() >= set(names):
             return None
-        known = [smear for name in names if (smear := self.smear_px[name]) is not None]
-        return median(known) if known else None
+        return [smear for name in names if (smear := self.smear_px[name])]
 
 
 def shown_frames(

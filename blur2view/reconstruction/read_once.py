@@ -19,6 +19,7 @@ from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.output import add_checked_line, checked_line, checked_lines, write_file
 from blur2view.pipeline import estimate
 from blur2view.reconstruction.scene import Step
+from blur2view.smears.blur import BlurKind
 from blur2view.smears.grid import DAMAGE, SmearGrid
 
 LOOK_PX, LOOK_QUANTILE = 12.0, 0.9  # of smears: up to it a look serves for poses, this share of its cells
@@ -106,7 +107,8 @@ def blur_of_frames(
             picture = read_picture(images / name, as_stored=True)
             seen = estimate(picture.pixels, network=network, detail=Detail.RANKING, geometry=False)
             blur = seen.blur
-            smear_px = blur.smear_px if blur.kind.of_camera else 0.0
+            other_px = None if blur.kind is BlurKind.CANNOT_TELL else 0.0
+            smear_px = blur.smear_px if blur.kind.of_camera else other_px
             found[name] = str(blur.kind), None if smear_px is None else float(smear_px)
             add_checked_line(notes, json.dumps([name, *found[name]]))
     return found

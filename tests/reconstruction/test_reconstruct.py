@@ -733,10 +733,19 @@ def test_the_report_says_in_how_many_frames_anything_moves(whole: Reconstruction
         assert row in page.decode() and ("by itself" in page.decode()) == bool(row)
 
 
-def test_the_table_has_no_smear_of_frames_that_were_not_read(whole: Reconstruction) -> None:
-    for more, stated in (((), True), (("f_9.png",), False)):
-        lines = outcome_table(replace(whole, looked_at=(*whole.looked_at, *more)))
-        assert ("median smear" in next(lines)) == stated
+@pytest.mark.parametrize(
+    ("smears", "line"),
+    [
+        ([0.0, None, 4.0, 6.0], "frames looked at:              4  2 with smears, 5.0 px in the median"),
+        ([0.0, None, 0.0, None], "frames looked at:              4"),
+        ([0.0, 4.0, 6.0], "frames looked at:              4"),
+    ],
+)
+def test_the_table_counts_smears_of_frames_that_have_one_where_all_were_read(
+    whole: Reconstruction, smears: list[float | None], line: str
+) -> None:
+    made = replace(whole, looked_at=("a", "b", "c", "d"), smear_px=dict(zip("abcd", smears, strict=False)))
+    assert next(outcome_table(made)) == line
 
 
 def test_a_scene_that_was_ended_after_each_step_is_the_same_at_last(
