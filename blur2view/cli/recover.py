@@ -124,7 +124,8 @@ class RecoverOptions:
             self._print(recovery, model, len(names), tracked=self.tracks is not None and not interrupted)
             if self.database is None and ids is not None and recovery.recovered.keys() & ids.images.keys():
                 # COLMAP's mappers refuse images that have another number of keypoints than the database
-                print(f"to map on with {printable(str(database))}, add --db {printable(str(database))}")
+                named = printable(str(database))
+                print(f"for COLMAP to go on with this model and {named}, recover with --db {named}")
         if interrupted:
             asked = sum(map(len, sequence.rounds()))
             left = plural(asked - len(sequence.recovered) - len(sequence.refused), "frame")

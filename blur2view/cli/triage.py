@@ -291,7 +291,8 @@ def refuse_filled(folder: Path, targets: Collection[Path]) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is not a folder; name another with --extract")
     ours = set(targets)
-    there = (path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir())
+    paths = sorted(folder.rglob("*"), key=lambda path: (path.name.startswith("."), path))  # hidden ones last
+    there = (path for path in paths if path.is_symlink() or not path.is_dir())
     if other := next((path for path in there if path not in ours), None):
         raise OutputError(f"{folder}: holds {other.relative_to(folder)}; name an empty folder with --extract")
 

@@ -244,6 +244,6 @@ def _opened(video: Path) -> Any:
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     cv2.utils.logging.setLogLevel(level)
     if not capture.isOpened():
-        remedy = "copy it again if it is damaged or cut off, or convert it to MP4, or name its frames"
+        remedy = "copy it again if it is damaged or cut off, convert it to MP4, or name a folder of frames"
         raise ImageError(f"{video}: cannot be opened as a video; {remedy}")
     return capture

@@ -142,4 +142,5 @@ def test_a_project_that_mappers_would_refuse_to_go_on_with_is_named_with_the_opt
     (model / "project.ini").write_text(f"database_path={project}\n")
     done = call_program(capsys, "recover", model, video / "frames", "-o", tmp_path / "all", "--jobs", 1)
     assert done == 0
-    assert done.out.splitlines()[-1] == f"to map on with {project}, add --db {project}"
+    words = f"for COLMAP to go on with this model and {project}, recover with --db {project}"
+    assert done.out.splitlines()[-1] == words
