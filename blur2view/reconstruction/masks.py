@@ -55,9 +55,7 @@ def write_masks(
         show(done, len(names))
         name, kept = names[k], work / MaskFormat.COLMAP.path(PurePath(names[k]))
         if consecutive and done == len(names[::4]) >= ENOUGH and _all_still(found.values()):
-            return Masks(
-                [], []
-            )  # three in four frames of a long scene in which nothing moves are not segmented
+            return Masks([], [])  # nothing moves: three frames in four need not be segmented
         if consecutive and k % 2 and _all_still(found[other] for other in names[k - 1 : k + 2 : 2]):
             # what moved here alone would be a mistake: half of the frames of a still scene are not segmented
             size = read_picture(scene / images / name, as_stored=True).size
